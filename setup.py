@@ -6,8 +6,16 @@ from setuptools import find_packages, setup
 MANIFEST = ElementTree.parse('package.xml').getroot()  # the only place of the version
 NAME = MANIFEST.findtext('name')
 EXECUTABLES = {
-    **{node: f'nodes.{node}' for node in (
-        'driver', 'ik_service', 'compensator', 'manipulator', 'disturbance_estimator')},
+    **{
+        node: f'nodes.{node}'
+        for node in (
+            'driver',
+            'ik_service',
+            'compensator',
+            'manipulator',
+            'disturbance_estimator',
+        )
+    },
     'calibrate': 'tools.calibration.__main__',
     'commission': 'tools.commissioning.__main__',
     'demo': 'simulation.demo.demo',
@@ -28,7 +36,9 @@ REQUIRES = [
     'rich>=13,<16',  # tables in the terminal: study
 ]
 EXTRAS = {
-    'build': ['setuptools>=68,<80'],  # installs this package into .venv; colcon needs less than 80
+    'build': [
+        'setuptools>=68,<80'
+    ],  # installs this package into .venv; colcon needs less than 80
     'ros': [  # wheels of ROS 2 Jazzy if no ROS is sourced; without versions, of a later ROS
         'ros-jazzy-rclpy[fastrtps]==7.1.6',
         'ros-jazzy-common-interfaces==5.3.6',
@@ -68,8 +78,11 @@ EXTRAS = {
 def tree(folder):
     """Return every file below `folder` with its destination, as data_files wants it."""
     files = (path for path in sorted(Path(folder).rglob('*')) if path.is_file())
-    return [(f'share/{NAME}/{file.parent}', [str(file)])
-            for file in files if file.suffix != '.pyc']
+    return [
+        (f'share/{NAME}/{file.parent}', [str(file)])
+        for file in files
+        if file.suffix != '.pyc'
+    ]
 
 
 setup(
@@ -91,6 +104,9 @@ setup(
     install_requires=REQUIRES,
     extras_require=EXTRAS,
     zip_safe=True,
-    entry_points={'console_scripts': [
-        f'{name} = {NAME}.{module}:main' for name, module in EXECUTABLES.items()]},
+    entry_points={
+        'console_scripts': [
+            f'{name} = {NAME}.{module}:main' for name, module in EXECUTABLES.items()
+        ]
+    },
 )

@@ -40,8 +40,16 @@ ANSWER_TIMEOUT = 10.0  # s: the node may have just been started on a busy comput
 REPEAT_AFTER = 1.0  # s, until a harmless request without an answer is sent again
 Callback = Callable[[], Any]
 #: states on driver/status while the driver executes a request
-WORKING = frozenset({
-    'configuring', 'homing', 'activating', 'deactivating', 'clearing faults', 'cleaning up'})
+WORKING = frozenset(
+    {
+        'configuring',
+        'homing',
+        'activating',
+        'deactivating',
+        'clearing faults',
+        'cleaning up',
+    }
+)
 
 
 class RequestRejectedError(ManipulatorError):
@@ -78,17 +86,24 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     """
 
     def __init__(
-        self, namespace: str = '', node_name: str = 'supervisor', check: Callback = lambda: None
+        self,
+        namespace: str = '',
+        node_name: str = 'supervisor',
+        check: Callback = lambda: None,
     ) -> None:
         self.node = Node(node_name, namespace=namespace)
         self.goal: Pose | None = None
         self._check = check
         self._frames = Frames.of(namespace)
         # the last messages of each topic: time of reception [s, monotonic], values and text
-        self._received = {topic: deque([(float('-inf'), dict[str, str]())], maxlen=10) for topic in
-                          (topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS)}
+        self._received = {
+            topic: deque([(float('-inf'), dict[str, str]())], maxlen=10)
+            for topic in (topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS)
+        }
         for topic in self._received:
-            self.node.create_subscription(*topic[:2], partial(self._receive, topic), topic.qos)
+            self.node.create_subscription(
+                *topic[:2], partial(self._receive, topic), topic.qos
+            )
         self._client = cache(lambda service: self.node.create_client(*service))
         # created with the first goal: an observer needs no permission to publish
         self._publisher = cache(lambda topic: self.node.create_publisher(*topic))
@@ -114,7 +129,11 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     def home(self, again: bool = False) -> None:
         """Home all axes, unless all are homed."""
-        if again or 'home' in self.wait_until(self._driver_values, 'driver/status')['next step']:
+        if (
+            again
+            or 'home'
+            in self.wait_until(self._driver_values, 'driver/status')['next step']
+        ):
             self._trigger(topics.HOME)
 
     def activate(self) -> None:
@@ -157,7 +176,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         def is_received() -> bool:
             goals.publish(message)  # repeat: discovery of a subscriber may be late
             return bool(self._of_goal(stamp)) and (
-                goals.get_subscription_count() >= self.node.count_subscribers(goals.topic))
+                goals.get_subscription_count()
+                >= self.node.count_subscribers(goals.topic)
+            )
 
         self.wait_until(is_received, 'a compensator to report the goal')
         return stamp
@@ -175,7 +196,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             try:
                 self.wait_until(partial(self._is_reached, stamp), 'the goal', timeout)
             except NoAnswerError as error:
-                raise NoAnswerError(f'{error}: {self._of_goal(stamp).get("message")}') from error
+                raise NoAnswerError(
+                    f'{error}: {self._of_goal(stamp).get("message")}'
+                ) from error
 
     def solve(self, goal: Pose) -> Carriages:
         """
@@ -186,13 +209,20 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         message = pose_stamped(self._frames.rail, ros_time(), goal)
         poses = self._call(topics.SOLVE, is_harmless=True, goal=message).plan.poses
         if not poses:
-            report = partial(self._of_goal, stamp_text(message.header.stamp), topics.REJECTIONS)
+            report = partial(
+                self._of_goal, stamp_text(message.header.stamp), topics.REJECTIONS
+            )
             raise RequestRejectedError(
-                self.wait_until(report, 'the reason on ik_service/rejections')['message'])
+                self.wait_until(report, 'the reason on ik_service/rejections')[
+                    'message'
+                ]
+            )
         point = poses[0].pose.position
         return Carriages(point.x, point.y, point.z)
 
-    def wait_until(self, condition: Callback, what: str, timeout: float = ANSWER_TIMEOUT) -> Any:
+    def wait_until(
+        self, condition: Callback, what: str, timeout: float = ANSWER_TIMEOUT
+    ) -> Any:
         """Return the first true value of a condition; raises a NoAnswerError at a timeout [s]."""
         end = time.monotonic() + timeout
         while not (value := condition()):
@@ -202,7 +232,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             time.sleep(0.01)  # s, between two checks of the condition
         return value
 
-    def _call(self, service: topics.Service, is_harmless: bool = False, **fields: Any) -> Any:
+    def _call(
+        self, service: topics.Service, is_harmless: bool = False, **fields: Any
+    ) -> Any:
         """
         Return the response to a request with the given fields.
 
@@ -220,11 +252,14 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             with suppress(NoAnswerError):
                 return self.wait_until(
                     lambda: next((one.result() for one in answers if one.done()), None),
-                    service.name, REPEAT_AFTER)
+                    service.name,
+                    REPEAT_AFTER,
+                )
             if self._driver_values().get('state') in WORKING:
                 end = time.monotonic() + ANSWER_TIMEOUT
         raise NoAnswerError(
-            f'timed out after {ANSWER_TIMEOUT:g} s waiting for the answer of {service.name}')
+            f'timed out after {ANSWER_TIMEOUT:g} s waiting for the answer of {service.name}'
+        )
 
     def _trigger(self, service: topics.Service) -> str:
         self.driver_state()
@@ -238,7 +273,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         if self.driver_state() in reached:
             return
         begin, reports = time.monotonic(), self._received[topics.DRIVER_STATUS]
-        if not self._call(topics.CHANGE_STATE, transition=Transition(label=label)).success:
+        if not self._call(
+            topics.CHANGE_STATE, transition=Transition(label=label)
+        ).success:
             # the response cannot contain a reason
             self.wait_until(lambda: reports[-1][0] >= begin, 'driver/status')
             raise RequestRejectedError(f'{label} rejected: {reports[-1][1]["message"]}')
@@ -257,10 +294,19 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             raise RequestRejectedError(values['message'])
         return values.get('state') == 'reached'
 
-    def _of_goal(self, stamp: str, topic: topics.Topic = topics.GOAL_STATUS) -> dict[str, str]:
+    def _of_goal(
+        self, stamp: str, topic: topics.Topic = topics.GOAL_STATUS
+    ) -> dict[str, str]:
         """Return the newest values on a topic for the stamp of a goal."""
-        return next((values for _, values in reversed(list(self._received[topic])) if stamp in (
-            values.get('goal stamp'), values.get('rejected goal stamp'))), {})
+        return next(
+            (
+                values
+                for _, values in reversed(list(self._received[topic]))
+                if stamp
+                in (values.get('goal stamp'), values.get('rejected goal stamp'))
+            ),
+            {},
+        )
 
     def _receive(self, topic: topics.Topic, status: Any) -> None:
         values = status_values(status) | {'message': status.message}

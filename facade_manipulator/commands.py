@@ -11,7 +11,10 @@ from facade_manipulator.errors import ManipulatorError
 
 
 def exit_status(
-    name: str, action: Callable[[], None], failed: int = 1, interrupted: str = 'interrupted'
+    name: str,
+    action: Callable[[], None],
+    failed: int = 1,
+    interrupted: str = 'interrupted',
 ) -> int:
     """Run a command and return its exit status; an error is one line on standard error."""
     try:

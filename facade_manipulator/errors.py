@@ -50,21 +50,29 @@ class InputError(ManipulatorError):
     def out_of_order(quantity: str, lateness: float) -> InputError:
         """Return the rejection of a message by its age relative to its predecessor [s]."""
         return InputError(
-            'out_of_order', f'{quantity} is {lateness:.3f} s older than the previous message')
+            'out_of_order',
+            f'{quantity} is {lateness:.3f} s older than the previous message',
+        )
 
 
-def require_recent(quantity: str, age: float, maximum_age: float, maximum_lead: float) -> None:
+def require_recent(
+    quantity: str, age: float, maximum_age: float, maximum_lead: float
+) -> None:
     """
     Reject a message by its age [s]; a stamp in the future has a negative age.
 
     Raises an InputError with reason ``'stale'`` or ``'future'``.
     """
     if not age <= maximum_age:  # NaN is also rejected
-        raise InputError('stale', f'{quantity} is {age:.3f} s old, bound {maximum_age:g} s')
+        raise InputError(
+            'stale', f'{quantity} is {age:.3f} s old, bound {maximum_age:g} s'
+        )
     if -age > maximum_lead:
         raise InputError(
-            'future', f'{quantity} is {-age:.3f} s from the future, bound {maximum_lead:g} s; '
-            'next: synchronise the clocks')
+            'future',
+            f'{quantity} is {-age:.3f} s from the future, bound {maximum_lead:g} s; '
+            'next: synchronise the clocks',
+        )
 
 
 class CalibrationError(ManipulatorError):
@@ -94,7 +102,8 @@ class LimitError(ManipulatorError):
         self.unit = unit
         suffix = f' {unit}' if unit else ''
         super().__init__(
-            f'{quantity} = {value:.6g}{suffix} is {relation} the bound {bound:.6g}{suffix}')
+            f'{quantity} = {value:.6g}{suffix} is {relation} the bound {bound:.6g}{suffix}'
+        )
 
 
 class UnreachableError(LimitError):

@@ -19,8 +19,19 @@ import yaml
 
 from facade_manipulator.errors import ParameterError
 
-NODES = ('driver', 'ik_service', 'compensator', 'disturbance_estimator', 'gondola_simulator')
-_TYPES = {bool: 'a bool', int: 'an integer', float: 'a double such as 1.0', str: 'a string'}
+NODES = (
+    'driver',
+    'ik_service',
+    'compensator',
+    'disturbance_estimator',
+    'gondola_simulator',
+)
+_TYPES = {
+    bool: 'a bool',
+    int: 'an integer',
+    float: 'a double such as 1.0',
+    str: 'a string',
+}
 _KEY = 'parameter'  # key in the metadata of a dataclass field
 Class = TypeVar('Class')
 
@@ -50,7 +61,9 @@ def parameter(description: str, *, default: Any, unit: str = '', **info: Any) ->
     float, str or a tuple of values of one of these types.
     """
     text = f'{description} [{unit}]' if unit else description
-    return field(default=default, metadata={_KEY: ParameterInfo(default, text, unit, **info)})
+    return field(
+        default=default, metadata={_KEY: ParameterInfo(default, text, unit, **info)}
+    )
 
 
 def inherited(base: type, name: str, *, default: Any) -> Any:
@@ -79,8 +92,11 @@ def settings(cls: type[Class]) -> type[Class]:
 
 def parameter_fields(cls: Any, only: Collection[str] = ()) -> dict[str, ParameterInfo]:
     """Return the parameters of settings by field name, optionally only some of them."""
-    return {item.name: item.metadata[_KEY] for item in fields(cls)
-            if _KEY in item.metadata and (not only or item.name in only)}
+    return {
+        item.name: item.metadata[_KEY]
+        for item in fields(cls)
+        if _KEY in item.metadata and (not only or item.name in only)
+    }
 
 
 def full_name(prefix: str, name: str) -> str:
@@ -115,22 +131,31 @@ def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
     """Check a value; the error names the parameter, its value, its bound and unit."""
     unit, elements = f' {info.unit}' if info.unit else '', _elements(name, value, info)
     if info.elements and len(elements) != len(info.elements):
-        raise ParameterError(f'{name} has {len(elements)} elements, expected '
-                             f'{len(info.elements)}: {", ".join(info.elements)}')
+        raise ParameterError(
+            f'{name} has {len(elements)} elements, expected '
+            f'{len(info.elements)}: {", ".join(info.elements)}'
+        )
     for element in elements:
         if info.minimum is not None and not isinstance(element, (int, float)):
             raise ParameterError(f'{name} = {element!r}, expected {_TYPES[float]}')
         if isinstance(element, float) and not math.isfinite(element):
             raise ParameterError(f'{name} = {element} is not a finite number')
-        for side, bound, sign in (('below its minimum', info.minimum, 1.0),
-                                  ('above its maximum', info.maximum, -1.0)):
+        for side, bound, sign in (
+            ('below its minimum', info.minimum, 1.0),
+            ('above its maximum', info.maximum, -1.0),
+        ):
             if bound is not None and sign * element < sign * bound:
-                raise ParameterError(f'{name} = {element:g}{unit} is {side} {bound:g}{unit}')
+                raise ParameterError(
+                    f'{name} = {element:g}{unit} is {side} {bound:g}{unit}'
+                )
 
 
 def settings_from(
-    cls: type[Class], values: Mapping[str, Any], prefix: str = '',
-    only: Collection[str] = (), **defaults: Any,
+    cls: type[Class],
+    values: Mapping[str, Any],
+    prefix: str = '',
+    only: Collection[str] = (),
+    **defaults: Any,
 ) -> Class:
     """
     Return settings from parameters by full name; missing parameters have their defaults.
@@ -159,7 +184,10 @@ class _Loader(yaml.SafeLoader):
 
 
 _Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float', re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+$'), list('-+0123456789'))
+    'tag:yaml.org,2002:float',
+    re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+$'),
+    list('-+0123456789'),
+)
 
 
 def read_value(text: str | bytes) -> Any:
@@ -183,8 +211,10 @@ def read_sections(paths: Sequence[Path]) -> dict[str, dict[str, Any]]:
         for place, value in _leaves(content or {}):
             section, is_parameter, name = place.partition('/ros__parameters/')
             if not is_parameter or value is None:
-                raise ParameterError(f'{path} is not a parameter file: {place} is not a value '
-                                     'below ros__parameters')
+                raise ParameterError(
+                    f'{path} is not a parameter file: {place} is not a value '
+                    'below ros__parameters'
+                )
             sections.setdefault(section.strip('/'), {})[name.replace('/', '.')] = value
     return sections
 
@@ -206,8 +236,10 @@ def require_known_node(section: str, known: Iterable[str]) -> str:
     """
     node = section.rpartition('/')[2]
     if node.strip('*') and node not in known:
-        raise ParameterError(f"section {section} rejected: no node is called '{node}'"
-                             f'{nearest(node, known)}')
+        raise ParameterError(
+            f"section {section} rejected: no node is called '{node}'"
+            f'{nearest(node, known)}'
+        )
     return node.strip('*')
 
 
@@ -219,10 +251,17 @@ def read_parameters(paths: Sequence[Path], node: str) -> dict[str, Any]:
     Raises a ParameterError for a file that cannot be read, for a section of an unknown node, and
     for sections of the node on several machines.
     """
-    sections = {section: given for section, given in read_sections(paths).items()
-                if require_known_node(section, NODES) in (node, '')}
-    machines = {section.rpartition('/')[0] for section in sections if '*' not in section}
+    sections = {
+        section: given
+        for section, given in read_sections(paths).items()
+        if require_known_node(section, NODES) in (node, '')
+    }
+    machines = {
+        section.rpartition('/')[0] for section in sections if '*' not in section
+    }
     if len(machines) > 1:
-        raise ParameterError(f'{paths[-1]} has sections of several machines: '
-                             f'{", ".join(sections)}; next: give each machine its own file')
+        raise ParameterError(
+            f'{paths[-1]} has sections of several machines: '
+            f'{", ".join(sections)}; next: give each machine its own file'
+        )
     return {name: value for given in sections.values() for name, value in given.items()}

@@ -14,7 +14,9 @@ from pathlib import Path
 import sys
 
 PACKAGE = Path(__file__).resolve().parent
-MACHINE_FILE = Path('manipulator.yaml')  # parameter file of a machine, in the working directory
+MACHINE_FILE = Path(
+    'manipulator.yaml'
+)  # parameter file of a machine, in the working directory
 
 
 def config_path(relative: str | os.PathLike[str] = '') -> Path:
@@ -30,8 +32,10 @@ def config_path(relative: str | os.PathLike[str] = '') -> Path:
     for share in shares:
         if (path := share / 'config' / relative).exists():
             return path
-    raise FileNotFoundError(f'config/{relative} is not among the data files of {PACKAGE.name} '
-                            f'(searched: {", ".join(map(str, shares))})')
+    raise FileNotFoundError(
+        f'config/{relative} is not among the data files of {PACKAGE.name} '
+        f'(searched: {", ".join(map(str, shares))})'
+    )
 
 
 def machine_file() -> Path:
@@ -47,8 +51,10 @@ def import_path() -> list[str]:
     of this package is searched last if it is the working directory.
     """
     here = os.path.realpath('.')
-    return [*(entry for entry in sys.path if entry and os.path.realpath(entry) != here),
-            str(PACKAGE.parent)]
+    return [
+        *(entry for entry in sys.path if entry and os.path.realpath(entry) != here),
+        str(PACKAGE.parent),
+    ]
 
 
 @contextmanager

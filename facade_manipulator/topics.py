@@ -11,11 +11,21 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
-from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
+from geometry_msgs.msg import (
+    PointStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    WrenchStamped,
+)
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
 from nav_msgs.srv import GetPlan
-from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    qos_profile_sensor_data,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from sensor_msgs.msg import Imu, JointState, Range
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
@@ -74,7 +84,8 @@ HEAD_ON_WALL = Topic(PoseStamped, 'head_on_wall', SENSOR)
 CARRIAGE_FORCES = Topic(JointState, 'gondola_simulator/carriage_forces', LATEST)
 HEAD_POSE, RAIL_POSE, WALL_ERROR, UNCOMPENSATED_ERROR = (
     Topic(PoseStamped, f'gondola_simulator/{name}', RELIABLE)
-    for name in ('head_pose', 'rail_pose', 'wall_error', 'uncompensated_error'))
+    for name in ('head_pose', 'rail_pose', 'wall_error', 'uncompensated_error')
+)
 DIAGNOSTICS = Topic(DiagnosticArray, '/diagnostics', RELIABLE)
 
 SOLVE = Service(GetPlan, 'ik_service/solve')
@@ -83,5 +94,6 @@ HOLD, TARE = (Service(Trigger, f'compensator/{name}') for name in ('hold', 'tare
 CHANGE_STATE = Service(ChangeState, 'driver/change_state')
 GET_STATE = Service(GetState, 'driver/get_state')
 HOME, HALT, CLEAR_FAULTS = (
-    Service(Trigger, f'driver/{name}') for name in ('home', 'halt', 'clear_faults'))
+    Service(Trigger, f'driver/{name}') for name in ('home', 'halt', 'clear_faults')
+)
 SELF_TEST = Service(SelfTest, 'driver/self_test')

@@ -41,7 +41,9 @@ PACKAGE = 'facade_manipulator'
 RECORDING = Path(__file__).with_name('record.launch.py')
 BOOLEAN = ['true', 'false', 'True', 'False']
 RESPAWN = {'respawn': True, 'respawn_delay': 2.0}  # s
-DRIVER_PATIENCE = '15.0'  # s: the driver ramps down, powers off and closes the bus before it ends
+DRIVER_PATIENCE = (
+    '15.0'  # s: the driver ramps down, powers off and closes the bus before it ends
+)
 
 
 def _is_mock(context) -> bool:
@@ -56,7 +58,9 @@ def _parameter_files(context) -> list[str]:
     """Return the parameter files; later files override earlier files."""
     config = LaunchConfiguration('config').perform(context)
     if not Path(config).is_file():  # launch itself would use the defaults
-        raise RuntimeError(f'config rejected: {config} is not a file; next: check the path')
+        raise RuntimeError(
+            f'config rejected: {config} is not a file; next: check the path'
+        )
     machine = Path(config).with_name('machine.yaml')  # file of commissioning
     files = [config, *([str(machine)] if machine.is_file() else [])]
     return [*files, str(config_path('simulation.yaml'))] if _is_mock(context) else files
@@ -80,24 +84,49 @@ def _manipulator(context) -> list:
     channel = LaunchConfiguration('can_interface').perform(context)
     override = [{'bus.channel': channel}] if channel and not _is_mock(context) else []
     driver = LifecycleNode(
-        package=PACKAGE, executable='driver', name='driver', sigterm_timeout=DRIVER_PATIENCE,
-        parameters=[*files, *override], **_common(context, 'driver'))
-    others = ['manipulator', 'gondola_simulator'] if _is_mock(context) else ['manipulator']
-    nodes = [driver, *(
-        Node(package=PACKAGE, executable=name, parameters=files, **_common(context, name))
-        for name in others)]
+        package=PACKAGE,
+        executable='driver',
+        name='driver',
+        sigterm_timeout=DRIVER_PATIENCE,
+        parameters=[*files, *override],
+        **_common(context, 'driver'),
+    )
+    others = (
+        ['manipulator', 'gondola_simulator'] if _is_mock(context) else ['manipulator']
+    )
+    nodes = [
+        driver,
+        *(
+            Node(
+                package=PACKAGE,
+                executable=name,
+                parameters=files,
+                **_common(context, name),
+            )
+            for name in others
+        ),
+    ]
     estimator = Node(  # without the estimator the correction fades out
-        package=PACKAGE, executable='disturbance_estimator', name='disturbance_estimator',
-        parameters=files, condition=IfCondition(LaunchConfiguration('estimator')),
-        **RESPAWN, **_common(context, 'disturbance_estimator'))
-    configure = EmitEvent(event=ChangeState(
-        lifecycle_node_matcher=matches_action(driver),
-        transition_id=Transition.TRANSITION_CONFIGURE))
+        package=PACKAGE,
+        executable='disturbance_estimator',
+        name='disturbance_estimator',
+        parameters=files,
+        condition=IfCondition(LaunchConfiguration('estimator')),
+        **RESPAWN,
+        **_common(context, 'disturbance_estimator'),
+    )
+    configure = EmitEvent(
+        event=ChangeState(
+            lifecycle_node_matcher=matches_action(driver),
+            transition_id=Transition.TRANSITION_CONFIGURE,
+        )
+    )
     return [*(_end_with(node) for node in nodes), *nodes, estimator, configure]
 
 
 def _end_with(node: Node) -> RegisterEventHandler:
     """End all nodes when this node ends; the driver then stops its drives."""
+
     def shut_down(event, context):
         if context.is_shutdown:
             return []
@@ -113,42 +142,79 @@ def _robot_state_publisher(context) -> list:
     """Return the node that publishes the transforms of the links, if it is installed."""
     name = 'robot_state_publisher'
     if name not in get_packages_with_prefixes():
-        return [LogInfo(msg=f'no transforms of the links: {name} is not installed; '
-                            'next: sudo apt install ros-jazzy-robot-state-publisher')]
+        return [
+            LogInfo(
+                msg=f'no transforms of the links: {name} is not installed; '
+                'next: sudo apt install ros-jazzy-robot-state-publisher'
+            )
+        ]
     files = [Path(file) for file in _parameter_files(context)]
     geometry = settings_from(Geometry, read_parameters(files, 'ik_service'), 'geometry')
     prefix = Frames.of(_namespace(context)).prefix
     description = ParameterValue(urdf(geometry, prefix), value_type=str)
-    return [Node(
-        package=name, executable=name, name=name, **RESPAWN, **_common(context, name),
-        # ik_service already limits the rate to 20 Hz
-        parameters=[{'robot_description': description, 'publish_frequency': 100.0}],
-        remappings=[('joint_states', topics.MECHANISM_STATES.name),
-                    # ik_service publishes the same description
-                    ('robot_description', f'{name}/robot_description')])]
+    return [
+        Node(
+            package=name,
+            executable=name,
+            name=name,
+            **RESPAWN,
+            **_common(context, name),
+            # ik_service already limits the rate to 20 Hz
+            parameters=[{'robot_description': description, 'publish_frequency': 100.0}],
+            remappings=[
+                ('joint_states', topics.MECHANISM_STATES.name),
+                # ik_service publishes the same description
+                ('robot_description', f'{name}/robot_description'),
+            ],
+        )
+    ]
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the description of the manipulator's nodes and arguments."""
     arguments = (
         ('use_mock_hardware', 'false', 'simulate the drives and the gondola', BOOLEAN),
-        ('estimator', 'false', 'estimate the disturbance from raw sensors on the rail', BOOLEAN),
+        (
+            'estimator',
+            'false',
+            'estimate the disturbance from raw sensors on the rail',
+            BOOLEAN,
+        ),
         ('record', 'false', 'record the topics with ros2 bag', BOOLEAN),
         ('namespace', '', 'namespace of the nodes, one per gondola', None),
-        ('config', str(config_path('manipulator.yaml')),
-         'parameter file; a machine.yaml beside it is loaded after it', None),
-        ('can_interface', '', "CAN interface of the drives; empty takes the parameter file's",
-         None),
-        ('log_level', 'info', 'minimum severity that is logged',
-         ['debug', 'info', 'warn', 'error']),
+        (
+            'config',
+            str(config_path('manipulator.yaml')),
+            'parameter file; a machine.yaml beside it is loaded after it',
+            None,
+        ),
+        (
+            'can_interface',
+            '',
+            "CAN interface of the drives; empty takes the parameter file's",
+            None,
+        ),
+        (
+            'log_level',
+            'info',
+            'minimum severity that is logged',
+            ['debug', 'info', 'warn', 'error'],
+        ),
     )
-    return LaunchDescription([
-        *(DeclareLaunchArgument(name, default_value=value, description=text, choices=choices)
-          for name, value, text, choices in arguments),
-        OpaqueFunction(function=_manipulator),
-        OpaqueFunction(function=_robot_state_publisher),
-        IncludeLaunchDescription(
-            PythonLaunchDescriptionSource(str(RECORDING)),
-            launch_arguments=[('namespace', LaunchConfiguration('namespace'))],
-            condition=IfCondition(LaunchConfiguration('record'))),
-    ])
+    return LaunchDescription(
+        [
+            *(
+                DeclareLaunchArgument(
+                    name, default_value=value, description=text, choices=choices
+                )
+                for name, value, text, choices in arguments
+            ),
+            OpaqueFunction(function=_manipulator),
+            OpaqueFunction(function=_robot_state_publisher),
+            IncludeLaunchDescription(
+                PythonLaunchDescriptionSource(str(RECORDING)),
+                launch_arguments=[('namespace', LaunchConfiguration('namespace'))],
+                condition=IfCondition(LaunchConfiguration('record')),
+            ),
+        ]
+    )

@@ -21,16 +21,23 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 # before numpy is imported: on a busy machine two threads of a fit wait for each other
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-ROS_HOME = tempfile.TemporaryDirectory(prefix='facade_manipulator_', ignore_cleanup_errors=True)
+ROS_HOME = tempfile.TemporaryDirectory(
+    prefix='facade_manipulator_', ignore_cleanup_errors=True
+)
 os.environ['ROS_HOME'] = ROS_HOME.name
 os.environ.setdefault('ROS_LOG_DIR', f'{ROS_HOME.name}/log')
 
 # A failure repeats, because the examples are the same in each run. To find its smallest example,
 # up to five minutes, run the test with --hypothesis-profile=shrink.
 settings.register_profile(
-    'project', deadline=None, derandomize=True, max_examples=50, report_multiple_bugs=False,
+    'project',
+    deadline=None,
+    derandomize=True,
+    max_examples=50,
+    report_multiple_bugs=False,
     phases=[Phase.explicit, Phase.generate, Phase.target],
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+)
 settings.register_profile('shrink', settings.get_profile('project'), phases=[*Phase])
 settings.register_profile('quick', settings.get_profile('project'), max_examples=25)
 settings.load_profile('project')
@@ -39,7 +46,9 @@ settings.load_profile('project')
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup(item):
     """End a real-time test, or one of its fixtures, that hangs."""
-    has_a_limit = item.get_closest_marker('realtime') and not item.get_closest_marker('long')
+    has_a_limit = item.get_closest_marker('realtime') and not item.get_closest_marker(
+        'long'
+    )
     with limited(item.name, LIMIT) if has_a_limit else nullcontext():
         return (yield)
 
@@ -78,7 +87,9 @@ class RosSession:
 
     def until(self, condition, what: str, deadline: float = DEADLINE):
         """Spin until the condition is true; return its value."""
-        return wait_until(condition, what, deadline, lambda: self.executor.spin_once(0.02))
+        return wait_until(
+            condition, what, deadline, lambda: self.executor.spin_once(0.02)
+        )
 
     def collect(self, node, message_type, topic: str, qos=10) -> list:
         """Return a list that grows with every message on the topic."""
@@ -86,7 +97,9 @@ class RosSession:
         node.create_subscription(message_type, topic, messages.append, qos)
         return messages
 
-    def call(self, node, service_type, name: str, request=None, deadline: float = DEADLINE):
+    def call(
+        self, node, service_type, name: str, request=None, deadline: float = DEADLINE
+    ):
         """Call a service and return its response."""
         client = node.create_client(service_type, name)
         self.until(client.service_is_ready, f'service {name}', deadline)
@@ -148,5 +161,8 @@ def pytest_collection_finish():
 
 def pytest_sessionfinish(session, exitstatus):
     """Return success for a part of `make test` without any test selected by -k."""
-    if exitstatus == pytest.ExitCode.NO_TESTS_COLLECTED and session.config.option.keyword:
+    if (
+        exitstatus == pytest.ExitCode.NO_TESTS_COLLECTED
+        and session.config.option.keyword
+    ):
         session.exitstatus = pytest.ExitCode.OK

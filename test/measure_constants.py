@@ -34,7 +34,7 @@ def prediction():
     noise = NOISE * np.random.default_rng(1).standard_normal(signal.shape)
     for number, truth in enumerate(signal[:-6]):
         stamp, wrong = number * INTERVAL, 0.03 * (number % 250 < 5 < number)
-        predictor.update(stamp, Pose(*(truth + noise[number] + wrong)), 3 * [NOISE ** 2])
+        predictor.update(stamp, Pose(*(truth + noise[number] + wrong)), 3 * [NOISE**2])
         error = predictor.predict(stamp + AHEAD).position - signal[number + 6]
         errors.append((error, error / predictor.deviations(stamp + AHEAD)))
     return figures(*np.transpose(errors[500:], (1, 0, 2)))
@@ -54,7 +54,7 @@ def control():
 
 def figures(errors, ratios):
     """Return RMS errors of each axis and the share of the ratios within 2."""
-    return np.append(np.sqrt((errors ** 2).mean(axis=0)), (abs(ratios) < 2.0).mean())
+    return np.append(np.sqrt((errors**2).mean(axis=0)), (abs(ratios) < 2.0).mean())
 
 
 def main():
@@ -70,8 +70,15 @@ def main():
         owner, _, name = f'facade_manipulator.{place}'.rpartition('.')
         value = getattr(resolve_name(owner), name)
         for factor in (0.5, 1.5):
-            changed = factor * value if isinstance(value, np.ndarray) else type(value)(
-                [factor * one for one in value] if isinstance(value, tuple) else factor * value)
+            changed = (
+                factor * value
+                if isinstance(value, np.ndarray)
+                else type(value)(
+                    [factor * one for one in value]
+                    if isinstance(value, tuple)
+                    else factor * value
+                )
+            )
             with ExitStack() as stack:
                 for module in list(sys.modules.values()):
                     if vars(module).get(name) is value:

@@ -30,11 +30,30 @@ LEARNING_TIME, SETTLING_TIME = 15.0, 2.5  # s, after the first and after each go
 FORCE_TIME, FIRST_TOUCH_TIME = 30.0, 1.0  # s, at the end and from the first touch
 FORCE, TOUCH = 30.0, 1.0  # N, desired force and touch
 SCALES = np.array([1e3, 1e3, math.degrees(1.0)])  # to mm, mm, °
-ROWS = ('breeze', 'three_tones', 'gusts', 'burst', 'sensors', 'pressing 0.6', 'pressing 2',
-        'pressing 5')  # scenario and stiffness of the brush [N/mm]
-COLUMNS = ('without', 'scenario', 'attenuation x / y / θ [dB]', 'RMS error [mm, mm, °]',
-           'peak error [mm, mm, °]', 'RMS jerk of the carriages [m/s³]', 'within 2 σ [%]',
-           'limited cycles', 'rejections', 'force RMS [N]', 'force peak [N]', 'first touch [N]')
+ROWS = (
+    'breeze',
+    'three_tones',
+    'gusts',
+    'burst',
+    'sensors',
+    'pressing 0.6',
+    'pressing 2',
+    'pressing 5',
+)  # scenario and stiffness of the brush [N/mm]
+COLUMNS = (
+    'without',
+    'scenario',
+    'attenuation x / y / θ [dB]',
+    'RMS error [mm, mm, °]',
+    'peak error [mm, mm, °]',
+    'RMS jerk of the carriages [m/s³]',
+    'within 2 σ [%]',
+    'limited cycles',
+    'rejections',
+    'force RMS [N]',
+    'force peak [N]',
+    'first touch [N]',
+)
 solve = Continuation.solve
 
 
@@ -59,9 +78,14 @@ PARTS = {  # owner and name of each part of the control, and its replacement
     'jump detector': (JumpDetector, 'evaluate', doubt_nothing),
     'prior': (continuation, 'PRIOR_WEIGHT', 1e-5 * continuation.PRIOR_WEIGHT),
     'weakening by growth': (predictor, 'GROWTH', 1e9),
-    'maximum acceleration': (predictor, 'MAX_ACCELERATION', 1e3 * predictor.MAX_ACCELERATION),
+    'maximum acceleration': (
+        predictor,
+        'MAX_ACCELERATION',
+        1e3 * predictor.MAX_ACCELERATION,
+    ),
     'smoothing of the correction': (correction, 'SMOOTHING', 1e-4),
-    'smoothing of the follower': (SetpointFollower, '_smooth', do_nothing)}
+    'smoothing of the follower': (SetpointFollower, '_smooth', do_nothing),
+}
 
 
 def measure(row, seed, duration):
@@ -70,67 +94,106 @@ def measure(row, seed, duration):
     scenario = replace(load_scenario(name), seed=seed)
     if stiffness:
         scenario = replace(
-            scenario, wall=replace(scenario.wall, brush_stiffness=1e3 * float(stiffness)),
-            compensator={**scenario.compensator, 'contact.stiffness': 1e3 * float(stiffness)})
+            scenario,
+            wall=replace(scenario.wall, brush_stiffness=1e3 * float(stiffness)),
+            compensator={
+                **scenario.compensator,
+                'contact.stiffness': 1e3 * float(stiffness),
+            },
+        )
     loop = ClosedLoop(scenario)
     cycles = loop.mission(duration)
     times = np.array([one.time for one in cycles]) - START - ESTIMATOR_START
-    is_counted = (times > LEARNING_TIME) & (times % scenario.mission.goal_period > SETTLING_TIME)
-    errors, without, rails, predicted, deviations = (np.array([
-        getattr(cycles[number], name) for number in np.flatnonzero(is_counted)]) for name in (
-            'error', 'uncompensated', 'rail', 'predicted', 'deviations'))
-    rms, disturbance = (np.sqrt((values ** 2).mean(axis=0)) for values in (errors, without))
+    is_counted = (times > LEARNING_TIME) & (
+        times % scenario.mission.goal_period > SETTLING_TIME
+    )
+    errors, without, rails, predicted, deviations = (
+        np.array(
+            [getattr(cycles[number], name) for number in np.flatnonzero(is_counted)]
+        )
+        for name in ('error', 'uncompensated', 'rail', 'predicted', 'deviations')
+    )
+    rms, disturbance = (
+        np.sqrt((values**2).mean(axis=0)) for values in (errors, without)
+    )
     # Where the head presses, the wall determines y.
     axes = [0, 2] if scenario.wall.is_touched else [0, 1, 2]
-    commands = np.array([one.command for one in cycles[round(LEARNING_TIME / PERIOD):]])
-    figures = [20.0 * np.log10(disturbance / rms), rms * SCALES, abs(errors).max(axis=0) * SCALES]
-    return [*(values[axes].tolist() for values in figures),
-            [float(np.sqrt((np.diff(commands, 3, axis=0) ** 2).mean())) / PERIOD ** 3],
-            (100.0 * (abs(predicted - rails) < 2.0 * deviations).mean(axis=0)).tolist(),
-            [sum(one.is_limited for one in cycles) + loop.follower.limited_cycles],
-            [len(loop.rejections)],
-            *(forces(cycles) if scenario.wall.is_touched else [[], [], []])]
+    commands = np.array(
+        [one.command for one in cycles[round(LEARNING_TIME / PERIOD) :]]
+    )
+    figures = [
+        20.0 * np.log10(disturbance / rms),
+        rms * SCALES,
+        abs(errors).max(axis=0) * SCALES,
+    ]
+    return [
+        *(values[axes].tolist() for values in figures),
+        [float(np.sqrt((np.diff(commands, 3, axis=0) ** 2).mean())) / PERIOD**3],
+        (100.0 * (abs(predicted - rails) < 2.0 * deviations).mean(axis=0)).tolist(),
+        [sum(one.is_limited for one in cycles) + loop.follower.limited_cycles],
+        [len(loop.rejections)],
+        *(forces(cycles) if scenario.wall.is_touched else [[], [], []]),
+    ]
 
 
 def forces(cycles):
     """Return RMS error of the force, its peak, and the peak at the first touch [N]."""
     times = np.array([one.time for one in cycles])
-    values = np.array([-math.sin(one.head.theta) * one.wrench.fx - math.cos(
-        one.head.theta) * one.wrench.fy for one in cycles])
+    values = np.array(
+        [
+            -math.sin(one.head.theta) * one.wrench.fx
+            - math.cos(one.head.theta) * one.wrench.fy
+            for one in cycles
+        ]
+    )
     late = values[times > times[-1] - FORCE_TIME]
     touch = times[np.argmax(values > TOUCH)]
     first = values[(times >= touch) & (times < touch + FIRST_TOUCH_TIME)]
-    return [[float(np.sqrt(np.mean((late - FORCE) ** 2)))], [float(late.max())],
-            [float(first.max())]]
+    return [
+        [float(np.sqrt(np.mean((late - FORCE) ** 2)))],
+        [float(late.max())],
+        [float(first.max())],
+    ]
 
 
 def cell(seeds):
     """Return the median over the seeds and the range of each figure."""
     texts = []
     for values in np.transpose(seeds):
-        low, middle, high = (f'{value:.3g}' for value in np.quantile(values, (0.0, 0.5, 1.0)))
+        low, middle, high = (
+            f'{value:.3g}' for value in np.quantile(values, (0.0, 0.5, 1.0))
+        )
         texts.append(middle if low == high else f'{middle} ({low}–{high})')
     return ' / '.join(texts)
 
 
 def main():
     """Print the table."""
-    parser = argparse.ArgumentParser(description='Measure the control on the simulated world')
+    parser = argparse.ArgumentParser(
+        description='Measure the control on the simulated world'
+    )
     parser.add_argument('--seeds', type=int, default=5)
     parser.add_argument(
-        '--duration', type=float, default=60.0, help='s, at least 20: errors count after 15 s')
+        '--duration',
+        type=float,
+        default=60.0,
+        help='s, at least 20: errors count after 15 s',
+    )
     parser.add_argument(
-        '--scenario', nargs='+', default=ROWS, help=f'{", ".join(ROWS)}, or a file')
+        '--scenario', nargs='+', default=ROWS, help=f'{", ".join(ROWS)}, or a file'
+    )
     parser.add_argument(
-        '--without', nargs='+', default=['nothing'],
-        choices=['nothing', *PARTS])
+        '--without', nargs='+', default=['nothing'], choices=['nothing', *PARTS]
+    )
     options = parser.parse_args()
     print(f'| {" | ".join(COLUMNS)} |\n|{"---|" * len(COLUMNS)}')
     for part in options.without:
         with patch.object(*PARTS[part]) if part in PARTS else nullcontext():
             for row in options.scenario:
-                measured = [measure(row, 1 + seed, options.duration)
-                            for seed in range(options.seeds)]
+                measured = [
+                    measure(row, 1 + seed, options.duration)
+                    for seed in range(options.seeds)
+                ]
                 cells = map(cell, zip(*measured, strict=True))
                 print(f'| {" | ".join((part, row, *cells))} |', flush=True)
 

@@ -15,7 +15,11 @@ from std_srvs.srv import Trigger
 
 from facade_manipulator import client as client_module
 from facade_manipulator import topics
-from facade_manipulator.client import ManipulatorClient, NoAnswerError, RequestRejectedError
+from facade_manipulator.client import (
+    ManipulatorClient,
+    NoAnswerError,
+    RequestRejectedError,
+)
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.diagnostics import diagnostic_status
 from facade_manipulator.nodes.messages import planar_pose, stamp_text
@@ -33,7 +37,8 @@ class Machine:
         node = self.node = ros.node('machine', namespace='gondola_1')
         self.driver_status, self.goal_status, self.rejections = (
             node.create_publisher(*topic)
-            for topic in (topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS))
+            for topic in (topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS)
+        )
         for service in (topics.HOME, topics.HALT, topics.CLEAR_FAULTS):
             node.create_service(*service, partial(self.trigger, service.name))
         node.create_service(*topics.GET_STATE, self.get_state)
@@ -44,8 +49,11 @@ class Machine:
         self.ros.executor.spin_once(0.0)
 
     def report(self, state: str, message: str = '', next_step: str = '') -> None:
-        self.driver_status.publish(diagnostic_status(
-            '', 'ok', message, {'state': state, 'next step': next_step}))
+        self.driver_status.publish(
+            diagnostic_status(
+                '', 'ok', message, {'state': state, 'next step': next_step}
+            )
+        )
 
     def get_state(self, _: object, response):
         response.current_state = State(label=self.label)
@@ -64,16 +72,30 @@ class Machine:
 
     def answer_goals(self, state: str, values: dict[str, str] | None = None) -> None:
         """Answer every goal with a state, with the stamp of the goal instead of STAMP."""
+
         def answer(message: PoseStamped) -> None:
             self.goals.append(message)
             stamp = stamp_text(message.header.stamp)
             of_goal = {'goal stamp': 'STAMP', 'state': state} | (values or {})
-            for text, found in (('of another', {'goal stamp': '1.0', 'state': 'reached'}),
-                                (f'{state}: reason', of_goal)):
-                self.goal_status.publish(diagnostic_status('', 'ok', text, {
-                    key: value.replace('STAMP', stamp) for key, value in found.items()}))
+            for text, found in (
+                ('of another', {'goal stamp': '1.0', 'state': 'reached'}),
+                (f'{state}: reason', of_goal),
+            ):
+                self.goal_status.publish(
+                    diagnostic_status(
+                        '',
+                        'ok',
+                        text,
+                        {
+                            key: value.replace('STAMP', stamp)
+                            for key, value in found.items()
+                        },
+                    )
+                )
 
-        self.node.create_subscription(*topics.GOAL_POSE[:2], answer, topics.GOAL_POSE.qos)
+        self.node.create_subscription(
+            *topics.GOAL_POSE[:2], answer, topics.GOAL_POSE.qos
+        )
 
 
 @pytest.fixture
@@ -91,6 +113,7 @@ def client(machine, monkeypatch):
 @pytest.fixture
 def unanswered(client, monkeypatch):
     """Return a function that ignores the requests of a service and returns the answer."""
+
     def leave_open(service) -> Future:
         answer = Future()
         monkeypatch.setattr(client._client(service), 'call_async', lambda _: answer)
@@ -102,18 +125,28 @@ def unanswered(client, monkeypatch):
 
 def test_requests_are_sent_once_and_rejections_raised_with_reason(client, machine):
     requests = {
-        client.configure: 'configure', client.home: 'driver/home', client.activate: 'activate',
-        client.halt: 'driver/halt', client.clear_faults: 'driver/clear_faults',
-        client.deactivate: 'deactivate'}
+        client.configure: 'configure',
+        client.home: 'driver/home',
+        client.activate: 'activate',
+        client.halt: 'driver/halt',
+        client.clear_faults: 'driver/clear_faults',
+        client.deactivate: 'deactivate',
+    }
     for request in requests:
         machine.report('inactive', next_step='home, activate')
-        client.wait_until(lambda: client._driver_values().get('next step'), 'driver/status')
+        client.wait_until(
+            lambda: client._driver_values().get('next step'), 'driver/status'
+        )
         request()
     assert machine.requests == list(requests.values())
     machine.success = False
-    with pytest.raises(RequestRejectedError, match='driver/halt rejected: driver/halt answers'):
+    with pytest.raises(
+        RequestRejectedError, match='driver/halt rejected: driver/halt answers'
+    ):
         client.halt()
-    with pytest.raises(RequestRejectedError, match='activate rejected: q2 is silent; next: clear'):
+    with pytest.raises(
+        RequestRejectedError, match='activate rejected: q2 is silent; next: clear'
+    ):
         client.activate()
 
 
@@ -133,8 +166,11 @@ def test_lost_request_is_repeated_only_if_harmless(client, machine, monkeypatch)
     lost, asked = [Future(), Future()], []
     get_state = client._client(topics.GET_STATE)
     ask = get_state.call_async
-    monkeypatch.setattr(get_state, 'call_async', lambda request: asked.append(request) or (
-        lost.pop() if lost else ask(request)))
+    monkeypatch.setattr(
+        get_state,
+        'call_async',
+        lambda request: asked.append(request) or (lost.pop() if lost else ask(request)),
+    )
     client.home(again=True)
     assert len(asked) == 3 and machine.requests == ['driver/home']
 
@@ -153,11 +189,14 @@ def test_request_waits_while_the_driver_works(client, machine, unanswered):
 
 @pytest.mark.parametrize('state', ['inactive', 'homing'])
 def test_request_to_idle_or_silent_driver_times_out(
-        client, machine, monkeypatch, unanswered, state):
+    client, machine, monkeypatch, unanswered, state
+):
     monkeypatch.setattr(client_module, 'SILENCE', 0.2)
     machine.report(state)
     unanswered(topics.HALT)
-    with pytest.raises(NoAnswerError, match='timed out after 0.3 s waiting for .* driver/halt'):
+    with pytest.raises(
+        NoAnswerError, match='timed out after 0.3 s waiting for .* driver/halt'
+    ):
         client.halt()
 
 
@@ -169,15 +208,34 @@ def test_reached_goal_ends_go_to(client, machine):
     assert client.goal == GOAL._replace(x=0.0)
 
 
-@pytest.mark.parametrize('state, values, error, message', [
-    ('ended', {}, RequestRejectedError, 'ended: reason'),
-    ('superseded', {}, RequestRejectedError, 'superseded: reason'),
-    ('moving', {'rejected goal stamp': 'STAMP', 'rejection': 'far'}, RequestRejectedError,
-     'rejected: far'),
-    ('moving', {}, NoAnswerError, 'timed out after 0.3 s waiting for the goal: moving'),
-    ('moving', {'goal stamp': '2.0'}, NoAnswerError, 'waiting for a compensator to report')])
+@pytest.mark.parametrize(
+    'state, values, error, message',
+    [
+        ('ended', {}, RequestRejectedError, 'ended: reason'),
+        ('superseded', {}, RequestRejectedError, 'superseded: reason'),
+        (
+            'moving',
+            {'rejected goal stamp': 'STAMP', 'rejection': 'far'},
+            RequestRejectedError,
+            'rejected: far',
+        ),
+        (
+            'moving',
+            {},
+            NoAnswerError,
+            'timed out after 0.3 s waiting for the goal: moving',
+        ),
+        (
+            'moving',
+            {'goal stamp': '2.0'},
+            NoAnswerError,
+            'waiting for a compensator to report',
+        ),
+    ],
+)
 def test_goal_that_is_not_reached_raises_its_reason(
-        client, machine, monkeypatch, state, values, error, message):
+    client, machine, monkeypatch, state, values, error, message
+):
     monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.5,))
     machine.answer_goals(state, values)
     with pytest.raises(error, match=message):
@@ -200,13 +258,20 @@ def test_goal_is_stamped_when_a_compensator_subscribes(client, machine, monkeypa
 
 @pytest.mark.parametrize('reason', ['', 'y is above its limit'])
 def test_solve_returns_carriages_or_raises_the_limit(client, machine, reason):
-    def answer(request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
+    def answer(
+        request: GetPlan.Request, response: GetPlan.Response
+    ) -> GetPlan.Response:
         assert request.goal.header.frame_id == 'gondola_1/rail'
         if not reason:
             response.plan.poses = [PoseStamped()]
             response.plan.poses[0].pose.position.z = 0.3
-        for of, text in (('1.0', 'of another'), (stamp_text(request.goal.header.stamp), reason)):
-            machine.rejections.publish(diagnostic_status('', 'ok', text, {'goal stamp': of}))
+        for of, text in (
+            ('1.0', 'of another'),
+            (stamp_text(request.goal.header.stamp), reason),
+        ):
+            machine.rejections.publish(
+                diagnostic_status('', 'ok', text, {'goal stamp': of})
+            )
         return response
 
     machine.node.create_service(*topics.SOLVE, answer)
@@ -230,6 +295,10 @@ def test_interrupted_client_can_still_halt(client):
 
 def test_observing_client_publishes_no_command(client):
     time.sleep(0.1)
-    published = {name for name, _ in client.node.get_publisher_names_and_types_by_node(
-        'supervisor', '/gondola_1')}
+    published = {
+        name
+        for name, _ in client.node.get_publisher_names_and_types_by_node(
+            'supervisor', '/gondola_1'
+        )
+    }
     assert published <= {'/rosout', '/parameter_events'}

@@ -16,7 +16,8 @@ ETC = config_path('deploy/etc')
 UNITS = ETC / 'systemd/system'
 SERVICES = sorted(UNITS.glob('*.service'))
 needs_systemd = pytest.mark.skipif(
-    shutil.which('systemd-analyze') is None, reason='systemd-analyze is not installed')
+    shutil.which('systemd-analyze') is None, reason='systemd-analyze is not installed'
+)
 
 
 def read(path) -> ConfigParser:
@@ -29,7 +30,9 @@ def read(path) -> ConfigParser:
 @pytest.mark.parametrize('node', ['driver', 'manipulator', 'disturbance_estimator'])
 def test_service_starts_a_node_of_the_package(node):
     commands = [shlex.split(read(path)['Service']['ExecStart']) for path in SERVICES]
-    words, = (words for words in commands if f'facade_manipulator.nodes.{node}' in words)
+    (words,) = (
+        words for words in commands if f'facade_manipulator.nodes.{node}' in words
+    )
     assert find_spec(words[words.index('-m') + 1])
     assert words[words.index('--enclave') + 1] == f'/%i/{node}'
 
@@ -43,11 +46,23 @@ def test_service_is_restarted_only_on_failure(path):
 @needs_systemd
 def test_systemd_accepts_the_units():
     done = subprocess.run(
-        ['systemd-analyze', 'verify', '--man=no', '--generators=no', *UNITS.glob('facade*@.*')],
-        capture_output=True, text=True, env={**os.environ, 'SYSTEMD_UNIT_PATH': f'{UNITS}:'})
-    wrong = [line for line in done.stderr.splitlines()
-             # this program is not installed here
-             if 'facade' in line and 'candump is not executable' not in line]
+        [
+            'systemd-analyze',
+            'verify',
+            '--man=no',
+            '--generators=no',
+            *UNITS.glob('facade*@.*'),
+        ],
+        capture_output=True,
+        text=True,
+        env={**os.environ, 'SYSTEMD_UNIT_PATH': f'{UNITS}:'},
+    )
+    wrong = [
+        line
+        for line in done.stderr.splitlines()
+        # this program is not installed here
+        if 'facade' in line and 'candump is not executable' not in line
+    ]
     assert not wrong
 
 
@@ -56,8 +71,17 @@ def test_systemd_accepts_the_units():
 def test_exposure_of_each_service_is_rated_ok(path, tmp_path):
     shutil.copytree(ETC, tmp_path / 'etc')
     subprocess.run(
-        ['systemd-analyze', 'security', '--offline=true', f'--root={tmp_path}', '--threshold=30',
-         path.name.replace('@', '@gondola_1')], check=True, capture_output=True)
+        [
+            'systemd-analyze',
+            'security',
+            '--offline=true',
+            f'--root={tmp_path}',
+            '--threshold=30',
+            path.name.replace('@', '@gondola_1'),
+        ],
+        check=True,
+        capture_output=True,
+    )
 
 
 def test_can_interface_does_not_restart_automatically():

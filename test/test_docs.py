@@ -21,28 +21,49 @@ ROOT = Path(facade_manipulator.__file__).parents[1]
 
 if not (ROOT / 'docs').is_dir():
     pytest.skip('the documents exist only in the source tree', allow_module_level=True)
-TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text()
-         for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))}
+TEXTS = {
+    path.relative_to(ROOT).as_posix(): path.read_text()
+    for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))
+}
 INTERFACES = TEXTS['docs/reference.md']
-BLOCKS = [(name, kind, block) for name, text in TEXTS.items()
-          for kind, block in re.findall(
-              r'^ *```(\w*)\n(.*?)^ *```', text, re.DOTALL | re.MULTILINE)]
-EXAMPLES = [pytest.param(dedent(block), id=f'{name}-{number}')
-            for number, (name, kind, block) in enumerate(BLOCKS) if kind == 'python']
-INLINE = [command for text in TEXTS.values()
-          for command in re.findall('`((?:make|ros2|python) [^`]+)`', text)]
-COMMANDS = [line for block in (*(block for _, kind, block in BLOCKS if not kind), *INLINE)
-            for line in block.replace('\\\n', ' ').splitlines()]
+BLOCKS = [
+    (name, kind, block)
+    for name, text in TEXTS.items()
+    for kind, block in re.findall(
+        r'^ *```(\w*)\n(.*?)^ *```', text, re.DOTALL | re.MULTILINE
+    )
+]
+EXAMPLES = [
+    pytest.param(dedent(block), id=f'{name}-{number}')
+    for number, (name, kind, block) in enumerate(BLOCKS)
+    if kind == 'python'
+]
+INLINE = [
+    command
+    for text in TEXTS.values()
+    for command in re.findall('`((?:make|ros2|python) [^`]+)`', text)
+]
+COMMANDS = [
+    line
+    for block in (*(block for _, kind, block in BLOCKS if not kind), *INLINE)
+    for line in block.replace('\\\n', ' ').splitlines()
+]
 SETUP = (ROOT / 'setup.py').read_text()
-NODES = set(re.findall(r"'(\w+)'", re.search(r'for node in \(([^)]*)\)', SETUP).group(1)))
-EXECUTABLES = NODES | set(re.findall(r"^    '(\w+)': '", SETUP, re.MULTILINE)) - {'build'}
+NODES = set(
+    re.findall(r"'(\w+)'", re.search(r'for node in \(([^)]*)\)', SETUP).group(1))
+)
+EXECUTABLES = NODES | set(re.findall(r"^    '(\w+)': '", SETUP, re.MULTILINE)) - {
+    'build'
+}
 
 
 def rows(head: str, text: str = INTERFACES) -> list[list[str]]:
     """Return the cells of the table whose head begins with a text."""
     body = re.search(rf'\n\| {head} .*\n\|[-|]+\n((?:\|.*\n)+)', text).group(1)
-    return [[cell.strip() for cell in line.strip('|').split(' | ')]
-            for line in body.splitlines()]
+    return [
+        [cell.strip() for cell in line.strip('|').split(' | ')]
+        for line in body.splitlines()
+    ]
 
 
 def names(cell: str) -> list[str]:
@@ -55,8 +76,11 @@ def named(pattern: str) -> set[str]:
 
 
 def test_commands_name_topics_and_services_with_their_types():
-    known = {f"/{one.name.lstrip('/')}": f"{one.type.__module__.split('.')[0]}/{one.type.__name__}"
-             for one in vars(topics).values() if isinstance(one, (topics.Topic, topics.Service))}
+    known = {
+        f'/{one.name.lstrip("/")}': f'{one.type.__module__.split(".")[0]}/{one.type.__name__}'
+        for one in vars(topics).values()
+        if isinstance(one, (topics.Topic, topics.Service))
+    }
     told = named(r'ros2 (?:topic pub|service call) (?:--\w+ \d+ )*(/\S+ +[\w/]+)')
     assert told
     for command in told:
@@ -71,7 +95,9 @@ def test_executables_in_commands_are_documented():
 
 
 def test_targets_and_programs_in_commands_exist():
-    targets = set(re.findall(r'^([a-z-]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE))
+    targets = set(
+        re.findall(r'^([a-z-]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE)
+    )
     assert named(r'\bmake ([a-z][a-z-]*)') - {'TARGET'} <= targets
     for module in named(r'python -m (facade_manipulator[\w.]*)'):
         assert find_spec(module), module
@@ -91,8 +117,13 @@ def test_python_example_imports_and_runs_without_ros(example):
 @pytest.mark.parametrize('name', TEXTS)
 def test_files_named_on_each_page_exist(name):
     text = TEXTS[name]
-    linked = [(ROOT / name).parent / link for link in re.findall(r'\]\(([^)#:]+)\)', text)]
-    told = [ROOT / file for file in re.findall(r'`((?:config|launch|test|docs)/[\w./]+)`', text)]
+    linked = [
+        (ROOT / name).parent / link for link in re.findall(r'\]\(([^)#:]+)\)', text)
+    ]
+    told = [
+        ROOT / file
+        for file in re.findall(r'`((?:config|launch|test|docs)/[\w./]+)`', text)
+    ]
     assert not [path for path in (*linked, *told) if not path.exists()]
 
 
@@ -100,16 +131,19 @@ def test_paper_page_shows_every_figure_of_the_study():
     shown = re.findall(r'resource/paper/([^)]+)', TEXTS['docs/paper.md'])
     stored = [path.name for path in (ROOT / 'resource/paper').iterdir()]
     assert sorted(shown) == sorted(stored) == sorted(FIGURES), (
-        'next: copy the figure to resource/paper and show it in docs/paper.md')
+        'next: copy the figure to resource/paper and show it in docs/paper.md'
+    )
 
 
 def test_operation_page_explains_each_reason():
     package = Path(facade_manipulator.__file__).parent
-    rejections = {reason for path in package.rglob('*.py')
-                  for reason in re.findall(r"InputError\(\s*'(\w+)'", path.read_text())}
+    rejections = {
+        reason
+        for path in package.rglob('*.py')
+        for reason in re.findall(r"InputError\(\s*'(\w+)'", path.read_text())
+    }
     limits = {kind.reason for kind in LimitError.__subclasses__()}
-    states = {state.value for state in ControllerState} - {
-        'active'}
+    states = {state.value for state in ControllerState} - {'active'}
     modes = {mode.value for mode in CorrectionMode} - {'compensating'}
     assert rejections
     page = re.sub('```.*?```', '', TEXTS['docs/operation.md'], flags=re.DOTALL)

@@ -18,11 +18,16 @@ from facade_manipulator import config_path, topics
 from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.kinematics import Geometry, urdf
 
-pytest.importorskip('launch_ros', reason='launch_ros is not installed; apt Jazzy has it')
+pytest.importorskip(
+    'launch_ros', reason='launch_ros is not installed; apt Jazzy has it'
+)
 
 PACKAGE = 'facade_manipulator'
-NODES = {'driver': 'nodes.driver', 'manipulator': 'nodes.manipulator',
-         'gondola_simulator': 'simulation.gondola_simulator'}
+NODES = {
+    'driver': 'nodes.driver',
+    'manipulator': 'nodes.manipulator',
+    'gondola_simulator': 'simulation.gondola_simulator',
+}
 LINK_TRANSFORMS = 'robot_state_publisher'
 EXECUTABLES = {*NODES, LINK_TRANSFORMS}
 OPTIONAL = (LINK_TRANSFORMS, 'ros2bag', 'rosbag2_storage_mcap')
@@ -55,9 +60,12 @@ class Launch:
         self.packages.mkdir(parents=True)
         for name in (PACKAGE, *OPTIONAL):
             (self.packages / name).touch()
-        scripts = {f'lib/{PACKAGE}/{name}': (
-            f'from {PACKAGE}.{module} import main\nraise SystemExit(main())\n')
-            for name, module in NODES.items()}
+        scripts = {
+            f'lib/{PACKAGE}/{name}': (
+                f'from {PACKAGE}.{module} import main\nraise SystemExit(main())\n'
+            )
+            for name, module in NODES.items()
+        }
         others = (f'lib/{LINK_TRANSFORMS}/{LINK_TRANSFORMS}', 'bin/ros2')
         for name, code in {**scripts, **dict.fromkeys(others, STAND_IN)}.items():
             script = folder / name
@@ -67,13 +75,17 @@ class Launch:
         (folder.parent / 'launcher.py').write_text(LAUNCHER)
         self._environment = {
             name: os.pathsep.join(filter(None, (str(path), os.environ.get(name))))
-            for name, path in (('AMENT_PREFIX_PATH', folder), ('PATH', folder / 'bin'))}
+            for name, path in (('AMENT_PREFIX_PATH', folder), ('PATH', folder / 'bin'))
+        }
 
     def __call__(self, *arguments, name: str = 'manipulator'):
         """Start a launch file of the package."""
         return self._start_process(
-            'launcher', str(config_path().parent / f'launch/{name}.launch.py'), *arguments,
-            env=self._environment)
+            'launcher',
+            str(config_path().parent / f'launch/{name}.launch.py'),
+            *arguments,
+            env=self._environment,
+        )
 
 
 @pytest.fixture
@@ -83,8 +95,13 @@ def launch(start_process, tmp_path):
 
 def pids_of(process) -> dict[str, int]:
     """Return the process ids of the executables that a launch has started."""
-    return {name: int(pid) for name, pid in re.findall(
-        r'\[(\w+)-\d+\]: process started with pid \[(\d+)\]', process.log.read_text())}
+    return {
+        name: int(pid)
+        for name, pid in re.findall(
+            r'\[(\w+)-\d+\]: process started with pid \[(\d+)\]',
+            process.log.read_text(),
+        )
+    }
 
 
 def command(pid: int) -> list[str]:
@@ -96,7 +113,9 @@ def command(pid: int) -> list[str]:
 
 def until_started(process, name: str) -> tuple[int, list[str]]:
     """Return process id and arguments of an executable after its start."""
-    pid = wait_until(lambda: pids_of(process).get(name), f'the start of {name}', 2 * DEADLINE)
+    pid = wait_until(
+        lambda: pids_of(process).get(name), f'the start of {name}', 2 * DEADLINE
+    )
     return pid, command(pid)[2:]
 
 
@@ -109,9 +128,13 @@ def test_mock_hardware_is_configured_and_ends_in_order(launch, ros):
     until_logged(process, 'are configured')
     operator = ros.node('operator')
     state = ros.call(operator, GetState, 'gondola_1/driver/get_state').current_state.id
-    assert state == State.PRIMARY_STATE_INACTIVE  # no other program powers the drives on
-    ros.until(lambda: {'ik_service', 'gondola_simulator'} <= {*operator.get_node_names()},
-              'the other nodes')
+    assert (
+        state == State.PRIMARY_STATE_INACTIVE
+    )  # no other program powers the drives on
+    ros.until(
+        lambda: {'ik_service', 'gondola_simulator'} <= {*operator.get_node_names()},
+        'the other nodes',
+    )
     # Ctrl-C reaches the children by the terminal, not by launch
     os.killpg(process.pid, signal.SIGINT)
     assert process.wait(DEADLINE) == 0
@@ -141,31 +164,57 @@ def test_robot_state_publisher_gets_urdf_of_parameter_files(launch, tmp_path):
     config = tmp_path / 'own.yaml'
     # the latter file has priority
     for path, length in ((config, 0.35), (tmp_path / 'machine.yaml', 0.36)):
-        path.write_text(f'/**: {{ros__parameters: {{geometry: {{link_length: {length}}}}}}}')
-    process = launch(f'config:={config}', 'namespace:=gondola_1', 'can_interface:=can77')
+        path.write_text(
+            f'/**: {{ros__parameters: {{geometry: {{link_length: {length}}}}}}}'
+        )
+    process = launch(
+        f'config:={config}', 'namespace:=gondola_1', 'can_interface:=can77'
+    )
     _, arguments = until_started(process, LINK_TRANSFORMS)
     parameters = {}
     for path in filter(os.path.isfile, arguments):
         for section in yaml.safe_load(Path(path).read_text()).values():
             parameters |= section['ros__parameters']
-    assert parameters['robot_description'] == urdf(Geometry(link_length=0.36), 'gondola_1/')
-    assert {'joint_states:=ik_service/joint_states', '__ns:=/gondola_1',
-            'robot_description:=robot_state_publisher/robot_description'} <= {*arguments}
+    assert parameters['robot_description'] == urdf(
+        Geometry(link_length=0.36), 'gondola_1/'
+    )
+    assert {
+        'joint_states:=ik_service/joint_states',
+        '__ns:=/gondola_1',
+        'robot_description:=robot_state_publisher/robot_description',
+    } <= {*arguments}
 
 
-@pytest.mark.parametrize('name, arguments', [
-    ('manipulator', ('record:=true', 'can_interface:=can77')), ('record', ())])
+@pytest.mark.parametrize(
+    'name, arguments',
+    [('manipulator', ('record:=true', 'can_interface:=can77')), ('record', ())],
+)
 def test_ros2_bag_records_each_topic(launch, name, arguments):
-    pid, options = until_started(launch('namespace:=gondola_1', *arguments, name=name), 'ros2')
-    names = {'/tf', '/tf_static', '/rosout', '/parameter_events',
-             '/gondola_1/driver/transition_event'}
+    pid, options = until_started(
+        launch('namespace:=gondola_1', *arguments, name=name), 'ros2'
+    )
+    names = {
+        '/tf',
+        '/tf_static',
+        '/rosout',
+        '/parameter_events',
+        '/gondola_1/driver/transition_event',
+    }
     for one in vars(topics).values():
         if isinstance(one, topics.Topic):
-            names.add(one.name if one.name.startswith('/') else f'/gondola_1/{one.name}')
+            names.add(
+                one.name if one.name.startswith('/') else f'/gondola_1/{one.name}'
+            )
     cut = options.index('--topics')
     assert options[:6] == [
-        'bag', 'record', '--storage', 'mcap', '--max-bag-duration', '600']
-    assert set(options[cut + 1:]) == names
+        'bag',
+        'record',
+        '--storage',
+        'mcap',
+        '--max-bag-duration',
+        '600',
+    ]
+    assert set(options[cut + 1 :]) == names
     assert Path(f'/proc/{pid}/cwd').readlink().parts[-2:] == (PACKAGE, 'gondola_1')
     file = options[options.index('--qos-profile-overrides-path') + 1]
     overrides = yaml.safe_load(Path(file).read_text())
@@ -179,16 +228,23 @@ def test_missing_optional_package_is_reported_while_nodes_start(launch, package)
         pytest.skip(f'{package} is installed')
     (launch.packages / package).unlink()
     process = launch('record:=true', 'can_interface:=can77')
-    until_logged(process, f'next: sudo apt install ros-jazzy-{package.replace("_", "-")}')
+    until_logged(
+        process, f'next: sudo apt install ros-jazzy-{package.replace("_", "-")}'
+    )
     until_logged(process, 'process started with pid')
 
 
-@pytest.mark.parametrize('argument, message', [
-    ('config:=nowhere.yaml', 'config rejected: nowhere.yaml is not a file'),
-    ('log_level:=loud', "'debug', 'info', 'warn', 'error'"),
-    ('use_mock_hardware:=perhaps', "'true', 'false'"),
-])
-def test_wrong_launch_argument_is_reported_and_starts_nothing(launch, argument, message):
+@pytest.mark.parametrize(
+    'argument, message',
+    [
+        ('config:=nowhere.yaml', 'config rejected: nowhere.yaml is not a file'),
+        ('log_level:=loud', "'debug', 'info', 'warn', 'error'"),
+        ('use_mock_hardware:=perhaps', "'true', 'false'"),
+    ],
+)
+def test_wrong_launch_argument_is_reported_and_starts_nothing(
+    launch, argument, message
+):
     process = launch(argument)
     assert process.wait(DEADLINE) != 0
     log = process.log.read_text()
@@ -199,7 +255,9 @@ def test_driver_without_can_interface_stays_unconfigured(launch, ros):
     process = launch('can_interface:=can77', 'log_level:=warn')
     until_logged(process, 'can77')
     assert 'ros2' not in process.log.read_text()  # no bag is recorded
-    state = ros.call(ros.node('operator'), GetState, 'driver/get_state').current_state.id
+    state = ros.call(
+        ros.node('operator'), GetState, 'driver/get_state'
+    ).current_state.id
     assert state == State.PRIMARY_STATE_UNCONFIGURED
     os.killpg(process.pid, signal.SIGINT)
     process.wait(DEADLINE)

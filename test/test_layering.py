@@ -9,7 +9,9 @@ import facade_manipulator
 PACKAGE = Path(facade_manipulator.__file__).parent
 BASE = 'errors commands parameters resources'.split()
 MATHEMATICS = 'kinematics estimation prediction motion compensation'
-MACHINE = f'{MATHEMATICS} canopen drives control_loop topics nodes nodes.messages config_path'
+MACHINE = (
+    f'{MATHEMATICS} canopen drives control_loop topics nodes nodes.messages config_path'
+)
 LAYERS = {  # folder or module, and its permitted imports besides itself and BASE
     **dict.fromkeys(BASE, ''),
     'kinematics': '',
@@ -23,9 +25,20 @@ LAYERS = {  # folder or module, and its permitted imports besides itself and BAS
     'drives': 'kinematics motion canopen config_path',
     'control_loop': 'kinematics motion canopen drives',
     **dict.fromkeys(('topics', 'nodes', 'client'), f'{MACHINE} client'),
-    **dict.fromkeys(('tools', 'simulation'), f'{MACHINE} client tools simulation study'),
+    **dict.fromkeys(
+        ('tools', 'simulation'), f'{MACHINE} client tools simulation study'
+    ),
 }
-IMPURE = {'time', 'datetime', 'socket', 'select', 'signal', 'subprocess', 'os', 'random'}
+IMPURE = {
+    'time',
+    'datetime',
+    'socket',
+    'select',
+    'signal',
+    'subprocess',
+    'os',
+    'random',
+}
 
 
 @cache
@@ -53,4 +66,6 @@ def test_imports_point_down_the_layers():
             is_ros = top == 'rclpy' or top.endswith('_msgs')
             assert not is_ros or 'topics' in allowed, f'{path}: {top}'
             assert top != 'mujoco' or layer == 'simulation', f'{path}: {top}'
-            assert top not in IMPURE or layer not in MATHEMATICS.split(), f'{path}: {top}'
+            assert top not in IMPURE or layer not in MATHEMATICS.split(), (
+                f'{path}: {top}'
+            )

@@ -5,7 +5,12 @@ import math
 import pytest
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameters import parameter, read_parameters, settings, settings_from
+from facade_manipulator.parameters import (
+    parameter,
+    read_parameters,
+    settings,
+    settings_from,
+)
 
 P = 'ros__parameters'
 
@@ -14,32 +19,52 @@ P = 'ros__parameters'
 class Sample:
     """Settings like those of a core object."""
 
-    low: float = parameter('Lower bound', default=0.1, unit='m', minimum=0.0, maximum=1.0)
-    high: float = parameter('Upper bound', default=0.9, unit='m', minimum=0.0, maximum=1.0)
+    low: float = parameter(
+        'Lower bound', default=0.1, unit='m', minimum=0.0, maximum=1.0
+    )
+    high: float = parameter(
+        'Upper bound', default=0.9, unit='m', minimum=0.0, maximum=1.0
+    )
     count: int = parameter('Number of samples', default=3, minimum=1, maximum=9)
     span: tuple[float, ...] = parameter(
-        'First and last position', default=(0.0, 1.0), unit='m', minimum=-5.0, maximum=5.0,
-        elements=('first', 'last'))
+        'First and last position',
+        default=(0.0, 1.0),
+        unit='m',
+        minimum=-5.0,
+        maximum=5.0,
+        elements=('first', 'last'),
+    )
 
     def __post_init__(self) -> None:
         if self.low >= self.high:
-            raise ParameterError(f'low = {self.low:g} m is not below high = {self.high:g} m')
+            raise ParameterError(
+                f'low = {self.low:g} m is not below high = {self.high:g} m'
+            )
 
 
-@pytest.mark.parametrize('values, message', [
-    ({'lwo': 0.2}, "no parameter 'group.lwo': did you mean 'group.low'"),
-    ({'low': 1}, 'group.low = 1, expected a double such as 1.0'),
-    ({'low': 'much'}, "group.low = 'much', expected a double"),
-    ({'count': True}, 'group.count = True, expected an integer'),
-    ({'span': 1.0}, 'group.span = 1.0 is not a list'),
-    ({'span': [0.0, math.inf]}, 'group.span = inf is not a finite number'),
-    ({'span': [0.0, 1.0, 2.0]}, 'group.span has 3 elements, expected 2: first, last'),
-    ({'low': -0.5}, 'group.low = -0.5 m is below its minimum 0 m'),
-    ({'high': 1.5}, 'group.high = 1.5 m is above its maximum 1 m'),
-    ({'low': 0.95}, 'group.low = 0.95 m is not below high')])
+@pytest.mark.parametrize(
+    'values, message',
+    [
+        ({'lwo': 0.2}, "no parameter 'group.lwo': did you mean 'group.low'"),
+        ({'low': 1}, 'group.low = 1, expected a double such as 1.0'),
+        ({'low': 'much'}, "group.low = 'much', expected a double"),
+        ({'count': True}, 'group.count = True, expected an integer'),
+        ({'span': 1.0}, 'group.span = 1.0 is not a list'),
+        ({'span': [0.0, math.inf]}, 'group.span = inf is not a finite number'),
+        (
+            {'span': [0.0, 1.0, 2.0]},
+            'group.span has 3 elements, expected 2: first, last',
+        ),
+        ({'low': -0.5}, 'group.low = -0.5 m is below its minimum 0 m'),
+        ({'high': 1.5}, 'group.high = 1.5 m is above its maximum 1 m'),
+        ({'low': 0.95}, 'group.low = 0.95 m is not below high'),
+    ],
+)
 def test_settings_from_file_reject_wrong_parameter(values, message):
     with pytest.raises(ParameterError, match=message):
-        settings_from(Sample, {f'group.{name}': value for name, value in values.items()}, 'group')
+        settings_from(
+            Sample, {f'group.{name}': value for name, value in values.items()}, 'group'
+        )
 
 
 def test_settings_from_file_keep_given_defaults():
@@ -47,21 +72,33 @@ def test_settings_from_file_keep_given_defaults():
     assert made == Sample(low=0.2, span=(0.0, 2.0))
 
 
-SCALARS = ('1e-3 -2E4 1.5e3 0x1F -17 yes Off true .5 1. +5 -0 0 .inf -.inf \'1\' "yes" a '
-           '[1,2] [.5,1e2] [a,b] [yes,off]').split()
+SCALARS = (
+    '1e-3 -2E4 1.5e3 0x1F -17 yes Off true .5 1. +5 -0 0 .inf -.inf \'1\' "yes" a '
+    '[1,2] [.5,1e2] [a,b] [yes,off]'
+).split()
 FILES = [
     [f'/driver: {{{P}: {{a: 1}}}}'],
-    [f'/gondola_1/driver: {{{P}: {{a: 1}}}}'], [f'gondola_1: {{driver: {{{P}: {{a: 1}}}}}}'],
-    [f'/**: {{{P}: {{a: 1}}}}'], [f'/gondola_1/*: {{{P}: {{a: 1}}}}'],
-    [f'/**: {{driver: {{{P}: {{a: 1}}}}}}'], [f'/**/driver: {{{P}: {{a: 1}}}}'],
+    [f'/gondola_1/driver: {{{P}: {{a: 1}}}}'],
+    [f'gondola_1: {{driver: {{{P}: {{a: 1}}}}}}'],
+    [f'/**: {{{P}: {{a: 1}}}}'],
+    [f'/gondola_1/*: {{{P}: {{a: 1}}}}'],
+    [f'/**: {{driver: {{{P}: {{a: 1}}}}}}'],
+    [f'/**/driver: {{{P}: {{a: 1}}}}'],
     [f'/**: {{{P}: {{q: {{a: 1}}, q.b: 2, q.c.d: 3, q.a: 4}}}}'],
     [f'/**: {{{P}: {{a: 2}}}}\n/**/driver: {{{P}: {{a: 1}}}}'],
     [f'/**/driver: {{{P}: {{a: 1}}}}\n/**: {{{P}: {{a: 2}}}}'],
-    [f'/**: {{{P}: {{a: 2}}}}', f'/gondola_1/driver: {{{P}: {{a: 3}}}}',
-     f'/**: {{{P}: {{a: 4, b: 1}}}}'],
+    [
+        f'/**: {{{P}: {{a: 2}}}}',
+        f'/gondola_1/driver: {{{P}: {{a: 3}}}}',
+        f'/**: {{{P}: {{a: 4, b: 1}}}}',
+    ],
     [f'/**/driver: {{{P}: {{a: 3, b: 1}}}}', f'/**/driver: {{{P}: {{a: 4}}}}'],
-    [f'/**:\n  {P}:\n' + ''.join(f'    p{n}: {text}\n' for n, text in enumerate(SCALARS))],
-    [''], ['# nothing'],
+    [
+        f'/**:\n  {P}:\n'
+        + ''.join(f'    p{n}: {text}\n' for n, text in enumerate(SCALARS))
+    ],
+    [''],
+    ['# nothing'],
 ]
 
 
@@ -80,17 +117,32 @@ def test_tool_reads_parameter_files_as_rclpy_does(ros, tmp_path, texts):
     node = ros.node('driver', namespace=namespace, cli_args=['--ros-args', *arguments])
     expected = {name: one.value for name, one in node._parameter_overrides.items()}
     found = read_parameters(paths, 'driver')
-    assert found == {name: value.tolist() if hasattr(value, 'tolist') else value
-                     for name, value in expected.items()}
+    assert found == {
+        name: value.tolist() if hasattr(value, 'tolist') else value
+        for name, value in expected.items()
+    }
     assert [type(one) for one in found.values() if not isinstance(one, list)] == [
-        type(expected[name]) for name, one in found.items() if not isinstance(one, list)]
+        type(expected[name]) for name, one in found.items() if not isinstance(one, list)
+    ]
 
 
-@pytest.mark.parametrize('text, reason', [
-    (f'a/driver: {{{P}: {{a: 1}}}}\nb/driver: {{{P}: {{a: 2}}}}', 'several machines: a/driver'),
-    (f'/**/drvier: {{{P}: {{a: 1}}}}', "no node is called 'drvier'.*did you mean 'driver'"),
-    ('/**: 1', 'not a parameter file'), ('[', 'cannot be read'), ('1', 'not a parameter file'),
-    (f'/**/driver: {{{P}: {{a: }}}}', 'not a parameter file')])
+@pytest.mark.parametrize(
+    'text, reason',
+    [
+        (
+            f'a/driver: {{{P}: {{a: 1}}}}\nb/driver: {{{P}: {{a: 2}}}}',
+            'several machines: a/driver',
+        ),
+        (
+            f'/**/drvier: {{{P}: {{a: 1}}}}',
+            "no node is called 'drvier'.*did you mean 'driver'",
+        ),
+        ('/**: 1', 'not a parameter file'),
+        ('[', 'cannot be read'),
+        ('1', 'not a parameter file'),
+        (f'/**/driver: {{{P}: {{a: }}}}', 'not a parameter file'),
+    ],
+)
 def test_unreadable_parameter_file_is_rejected(tmp_path, text, reason):
     with pytest.raises(ParameterError, match=reason):
         read_parameters(write_files(tmp_path, [text]), 'driver')

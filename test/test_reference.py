@@ -27,11 +27,21 @@ def rows_of(nodes: dict[str, Any]) -> list[tuple[str, ...]]:
                 continue
             descriptor = node.describe_parameter(parameter)
             value = node.get_parameter(parameter).value
-            default = value if isinstance(value, (bool, int, float, str)) else list(value)
+            default = (
+                value if isinstance(value, (bool, int, float, str)) else list(value)
+            )
             text, _, unit = descriptor.description.rstrip(']').partition(' [')
-            limits = descriptor.additional_constraints.removesuffix(f' {unit}' if unit else '')
-            cells = (f'`{parameter}`', str(default), unit, limits,
-                     '' if descriptor.read_only else 'yes', text)
+            limits = descriptor.additional_constraints.removesuffix(
+                f' {unit}' if unit else ''
+            )
+            cells = (
+                f'`{parameter}`',
+                str(default),
+                unit,
+                limits,
+                '' if descriptor.read_only else 'yes',
+                text,
+            )
             owners[cells].append(name)
         if hasattr(node, 'close'):
             node.close()
@@ -42,7 +52,10 @@ def rows_of(nodes: dict[str, Any]) -> list[tuple[str, ...]]:
 def page() -> str:
     """Return the page with the table of the parameters that the nodes declare."""
     from nodes.bench import NODES
-    rows = rows_of({name: make for name, make in NODES.items() if name != 'gondola_simulator'})
+
+    rows = rows_of(
+        {name: make for name, make in NODES.items() if name != 'gondola_simulator'}
+    )
     written = PAGE.read_text().partition(HEAD)[0]
     return written + HEAD + ''.join(f'| {" | ".join(row)} |\n' for row in rows)
 

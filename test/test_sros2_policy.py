@@ -18,11 +18,19 @@ Right = tuple[str, str, str]  # verb, kind, full name or pattern
 
 def allowed(name: str) -> set[Right]:
     """Return the rights of a node, with wildcards."""
-    element, = (one for one in ROOT.iter('profile') if one.get('node') == name)
+    (element,) = (one for one in ROOT.iter('profile') if one.get('node') == name)
     namespace = element.get('ns').rstrip('/')
-    return {(verb, one.tag, one.text if one.text.startswith('/') else f'{namespace}/{one.text}')
-            for group in element for verb, value in group.attrib.items() if value == 'ALLOW'
-            for one in group}
+    return {
+        (
+            verb,
+            one.tag,
+            one.text if one.text.startswith('/') else f'{namespace}/{one.text}',
+        )
+        for group in element
+        for verb, value in group.attrib.items()
+        if value == 'ALLOW'
+        for one in group
+    }
 
 
 def matches(right: Right, rule: Right) -> bool:
@@ -32,19 +40,27 @@ def matches(right: Right, rule: Right) -> bool:
 @pytest.mark.parametrize('name', [*NODES][:4])
 def test_policy_allows_a_node_exactly_its_endpoints(ros, name):
     # only the driver uses the parameter
-    node = ros.add(NODES[name](namespace=NAMESPACE, parameter_overrides=[
-        Parameter('simulate_drives', value=True)]))
+    node = ros.add(
+        NODES[name](
+            namespace=NAMESPACE,
+            parameter_overrides=[Parameter('simulate_drives', value=True)],
+        )
+    )
     needed = {
         ('publish', 'topic', '/rosout'),  # endpoint of rcl
         *(('publish', 'topic', one.topic_name) for one in node.publishers),
         *(('subscribe', 'topic', one.topic_name) for one in node.subscriptions),
         *(('reply', 'service', one.service_name) for one in node.services),
-        *(('request', 'service', one.service_name) for one in node.clients)}
+        *(('request', 'service', one.service_name) for one in node.clients),
+    }
     rules = allowed(name)
     assert not {one for one in needed if not any(matches(one, rule) for rule in rules)}
     optional = {('publish', 'topic', '/tf')}
-    assert not {rule for rule in rules - optional
-                if not any(matches(one, rule) for one in needed)}
+    assert not {
+        rule
+        for rule in rules - optional
+        if not any(matches(one, rule) for one in needed)
+    }
 
 
 @pytest.mark.parametrize('observer', ['recorder_gondola_1', 'viewer'])
@@ -53,15 +69,25 @@ def test_observer_may_read_everything_but_command_nothing(observer):
     for one in vars(topics).values():
         if isinstance(one, Topic):
             name = one.name if one.name.startswith('/') else f'{NAMESPACE}/{one.name}'
-            assert any(matches(('subscribe', 'topic', name), rule) for rule in rules), name
+            assert any(matches(('subscribe', 'topic', name), rule) for rule in rules), (
+                name
+            )
     assert {name for verb, kind, name in rules if verb == 'publish'} - {
-        '/events/write_split'} == OF_ROS
+        '/events/write_split'
+    } == OF_ROS
     assert not [rule for rule in rules if rule[0] == 'request']
 
 
 def test_compensator_and_ik_service_share_an_enclave():
-    paths = {one.get('node'): enclave.get('path')
-             for enclave in ROOT.iter('enclave') for one in enclave.iter('profile')}
-    assert paths.pop('compensator') == paths.pop('ik_service') == f'{NAMESPACE}/manipulator'
+    paths = {
+        one.get('node'): enclave.get('path')
+        for enclave in ROOT.iter('enclave')
+        for one in enclave.iter('profile')
+    }
+    assert (
+        paths.pop('compensator')
+        == paths.pop('ik_service')
+        == f'{NAMESPACE}/manipulator'
+    )
     assert paths.pop('recorder_gondola_1') == f'{NAMESPACE}/recorder'
     assert paths == {name: f'{NAMESPACE}/{name}' for name in paths}

@@ -14,15 +14,31 @@ from facade_manipulator.parameters import NODES
 from facade_manipulator.topics import Service, Topic
 
 PAGE = Path(__file__).parents[1] / 'docs/reference.md'
-TOPICS, SERVICES = ([one for one in vars(topics).values() if isinstance(one, kind)]
-                    for kind in (Topic, Service))
-TYPES = {f"/{one.name.lstrip('/')}": one.type for one in TOPICS}
+TOPICS, SERVICES = (
+    [one for one in vars(topics).values() if isinstance(one, kind)]
+    for kind in (Topic, Service)
+)
+TYPES = {f'/{one.name.lstrip("/")}': one.type for one in TOPICS}
 SHOWN_IN_3D = topics.GOAL_POSE, topics.ROBOT_DESCRIPTION
 # Topics at the rate of joint_states are reliable; other reliable topics are rare or latched.
-EVERY_CYCLE = (topics.CORRECTED_POSE, topics.REFERENCE, topics.JOINT_SETPOINTS,
-               topics.JOINT_STATES, topics.END_EFFECTOR_POSE, topics.HEAD_POSE, topics.RAIL_POSE,
-               topics.WALL_ERROR, topics.UNCOMPENSATED_ERROR, topics.CARRIAGE_FORCES)
-RARE = (topics.GOAL_POSE, topics.MECHANISM_STATES, topics.SOFTWARE_STOP, topics.DIAGNOSTICS)
+EVERY_CYCLE = (
+    topics.CORRECTED_POSE,
+    topics.REFERENCE,
+    topics.JOINT_SETPOINTS,
+    topics.JOINT_STATES,
+    topics.END_EFFECTOR_POSE,
+    topics.HEAD_POSE,
+    topics.RAIL_POSE,
+    topics.WALL_ERROR,
+    topics.UNCOMPENSATED_ERROR,
+    topics.CARRIAGE_FORCES,
+)
+RARE = (
+    topics.GOAL_POSE,
+    topics.MECHANISM_STATES,
+    topics.SOFTWARE_STOP,
+    topics.DIAGNOSTICS,
+)
 
 
 def read(name: str):
@@ -37,41 +53,61 @@ def require_field(topic: str, path: list[str]) -> None:
 
 
 def test_reference_page_lists_each_name_once_with_its_type():
-    rows = re.findall(r'^\| `([^`]+)` \| (\w+)/(\w+) \|', PAGE.read_text(), re.MULTILINE)
+    rows = re.findall(
+        r'^\| `([^`]+)` \| (\w+)/(\w+) \|', PAGE.read_text(), re.MULTILINE
+    )
     for one in (*TOPICS, *SERVICES):
         package = one.type.__module__.partition('.')[0]
         assert rows.count((one.name, package, one.type.__name__)) == 1, (
-            f'next: write one row of docs/reference.md for {one.name}')
+            f'next: write one row of docs/reference.md for {one.name}'
+        )
     for kind in (TOPICS, SERVICES):
         assert len({one.name for one in kind}) == len(kind) > 0
 
 
 def test_every_reliable_topic_is_fast_or_rare():
-    names = {one.name for one in TOPICS if one.qos.reliability is ReliabilityPolicy.RELIABLE
-             and one.qos.durability is not DurabilityPolicy.TRANSIENT_LOCAL}
+    names = {
+        one.name
+        for one in TOPICS
+        if one.qos.reliability is ReliabilityPolicy.RELIABLE
+        and one.qos.durability is not DurabilityPolicy.TRANSIENT_LOCAL
+    }
     assert names == {one.name for one in (*EVERY_CYCLE, *RARE)}, (
         'next: add a topic of each cycle to EVERY_CYCLE and config/recording_qos.yaml, and any '
-        'other topic to RARE')
+        'other topic to RARE'
+    )
 
 
 def test_recorder_requests_fast_topics_with_best_effort():
     overrides = read('recording_qos.yaml')
     assert overrides.keys() == {'/tf', *(f'/{topic.name}' for topic in EVERY_CYCLE)}
-    assert all(topic.qos.reliability is not ReliabilityPolicy.BEST_EFFORT
-               and topic.qos.durability is not DurabilityPolicy.TRANSIENT_LOCAL
-               for topic in EVERY_CYCLE)
+    assert all(
+        topic.qos.reliability is not ReliabilityPolicy.BEST_EFFORT
+        and topic.qos.durability is not DurabilityPolicy.TRANSIENT_LOCAL
+        for topic in EVERY_CYCLE
+    )
     for profile in overrides.values():  # rosbag2 needs the depth with the history
-        assert profile == {'history': 'keep_last', 'depth': 100, 'reliability': 'best_effort'}
+        assert profile == {
+            'history': 'keep_last',
+            'depth': 100,
+            'reliability': 'best_effort',
+        }
 
 
 def test_rviz_file_shows_published_topics_in_frame_rail():
     manager = read('manipulator.rviz')['Visualization Manager']
     assert manager['Global Options']['Fixed Frame'] == 'rail'
-    shown = {topic['Value']: topic['Durability Policy']
-             for display in manager['Displays'] if display['Enabled']
-             for key, topic in display.items() if key in ('Topic', 'Description Topic')}
-    assert shown == {one.name: 'Transient Local' if one.qos == topics.LATCHED else 'Volatile'
-                     for one in SHOWN_IN_3D}
+    shown = {
+        topic['Value']: topic['Durability Policy']
+        for display in manager['Displays']
+        if display['Enabled']
+        for key, topic in display.items()
+        if key in ('Topic', 'Description Topic')
+    }
+    assert shown == {
+        one.name: 'Transient Local' if one.qos == topics.LATCHED else 'Volatile'
+        for one in SHOWN_IN_3D
+    }
 
 
 def test_foxglove_layout_shows_published_fields():
@@ -103,13 +139,23 @@ def test_plotjuggler_layout_shows_published_fields():
 def test_aggregator_counts_every_component_once():
     """A stale group of a missing optional node would make the top level an error."""
     (content,) = read('diagnostic_aggregator.yaml').values()
-    analyzers = [one for one in content['ros__parameters'].values() if isinstance(one, dict)]
+    analyzers = [
+        one for one in content['ros__parameters'].values() if isinstance(one, dict)
+    ]
     assert len({one['path'] for one in analyzers}) == len(analyzers)
-    for name in (f'{namespace}{node}: operation' for node in NODES
-                 for namespace in ('', 'gondola_1/')):
-        assert sum(any(part in name for part in one['contains']) for one in analyzers) == 1
-    lasting = {one['contains'][0].rstrip(': '): one.get('num_items') for one in analyzers
-               if not one.get('discard_stale')}
+    for name in (
+        f'{namespace}{node}: operation'
+        for node in NODES
+        for namespace in ('', 'gondola_1/')
+    ):
+        assert (
+            sum(any(part in name for part in one['contains']) for one in analyzers) == 1
+        )
+    lasting = {
+        one['contains'][0].rstrip(': '): one.get('num_items')
+        for one in analyzers
+        if not one.get('discard_stale')
+    }
     required = {name for name, number in lasting.items() if number != 0}
     assert required == {'driver', 'ik_service', 'compensator'}
     assert {*lasting} == required | {'disturbance_estimator'}

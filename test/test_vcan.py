@@ -33,6 +33,7 @@ def guest(monkeypatch, tmp_path):
 @pytest.fixture
 def use_kernel(monkeypatch, guest):
     """Replace the guest's kernel by a script."""
+
     def use(script: str) -> None:
         kernel = guest.CACHE / 'root' / 'usr' / 'bin' / 'linux.uml'
         kernel.parent.mkdir(parents=True)
@@ -47,33 +48,54 @@ def use_kernel(monkeypatch, guest):
 @pytest.fixture
 def run_tests(monkeypatch, use_kernel):
     """Run a command that prints the reason for a missing vcan, with only this kernel available."""
+
     def run(script: str) -> tuple[str, int]:
         import vcan
 
         use_kernel(script)
         monkeypatch.setattr(vcan, 'NAMESPACES', ())
         monkeypatch.setattr(vcan, 'INTERFACE', Path('/nowhere'))
-        return vcan.run([sys.executable, '-c', f'import os; print(os.environ["{vcan.MISSING}"])'])
+        return vcan.run(
+            [sys.executable, '-c', f'import os; print(os.environ["{vcan.MISSING}"])']
+        )
+
     return run
 
 
 def test_slow_guest_that_prints_returns_output_and_status(guest, use_kernel, capfd):
-    use_kernel(FIRST_WORD + 'for i in 1 2 3 4 5 6; do echo $i >/proc/self/fd/$line; sleep 0.5; '
-               'done; printf 3 >"$folder/status"')
+    use_kernel(
+        FIRST_WORD
+        + 'for i in 1 2 3 4 5 6; do echo $i >/proc/self/fd/$line; sleep 0.5; '
+        'done; printf 3 >"$folder/status"'
+    )
     assert guest.run_in_guest(['true'], silence=2.0) == ('7.2.7', 3)
     assert capfd.readouterr().out.split() == [*'123456']
 
 
-@pytest.mark.parametrize(('script', 'error', 'message'), [
-    (FIRST_WORD + 'echo "Kernel panic - not syncing"; exit 9', 'GuestError',
-     'died.*exit status 9.*Kernel panic'),
-    (FIRST_WORD + 'echo hello >/proc/self/fd/$line; sleep 600', 'GuestError',
-     'printed nothing for 1.5 s.*Linux version'),
-    (BANNER + 'echo fatal_sigsegv; exit 134', 'GuestUnavailableError',
-     'not start.*status 134.*fatal_sig'),
-    (BANNER + 'sleep 600', 'GuestUnavailableError', 'not booted after 0.5 s')])
+@pytest.mark.parametrize(
+    ('script', 'error', 'message'),
+    [
+        (
+            FIRST_WORD + 'echo "Kernel panic - not syncing"; exit 9',
+            'GuestError',
+            'died.*exit status 9.*Kernel panic',
+        ),
+        (
+            FIRST_WORD + 'echo hello >/proc/self/fd/$line; sleep 600',
+            'GuestError',
+            'printed nothing for 1.5 s.*Linux version',
+        ),
+        (
+            BANNER + 'echo fatal_sigsegv; exit 134',
+            'GuestUnavailableError',
+            'not start.*status 134.*fatal_sig',
+        ),
+        (BANNER + 'sleep 600', 'GuestUnavailableError', 'not booted after 0.5 s'),
+    ],
+)
 def test_guest_failure_is_raised_with_its_console(
-        monkeypatch, use_kernel, guest, script, error, message):
+    monkeypatch, use_kernel, guest, script, error, message
+):
     use_kernel(script)
     if 'booted' in message:
         monkeypatch.setattr(guest, 'BOOT_TIMEOUT', 0.5)
@@ -86,7 +108,9 @@ def test_tests_without_vcan_run_and_name_the_reason(run_tests, capfd):
     printed = capfd.readouterr().out
     assert '!!! NO SOCKETCAN TESTS' in printed
     assert 'the last lines of its console:\nno ptrace\n' in printed
-    assert printed.rstrip().endswith('does not start here: the guest died (exit status 1)')
+    assert printed.rstrip().endswith(
+        'does not start here: the guest died (exit status 1)'
+    )
 
 
 def test_missing_vcan_fails_in_ci(monkeypatch, run_tests):

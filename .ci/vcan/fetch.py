@@ -44,7 +44,10 @@ def fetch(folder: Path) -> Path:
             raise FetchError(f'{tool} is not on this system')
     if not re.search(r'^ID=debian$', OS_RELEASE.read_text(), re.MULTILINE):
         raise FetchError('this distribution is not Debian; next: sudo modprobe vcan')
-    print(f'fetching {", ".join(PACKAGES)} of Debian {SUITE} (49 MB) into {folder}', flush=True)
+    print(
+        f'fetching {", ".join(PACKAGES)} of Debian {SUITE} (49 MB) into {folder}',
+        flush=True,
+    )
     shutil.rmtree(folder, ignore_errors=True)
     partial = folder / 'partial'
     partial.mkdir(parents=True)
@@ -64,8 +67,17 @@ def _use_own_c_library(root: Path) -> None:
         raise FetchError(f'the package libc6 has no {LOADER}')
     for program in (root / 'usr/bin').iterdir():
         if program.is_file() and program.read_bytes().startswith(b'\x7fELF'):
-            _run(['patchelf', '--set-interpreter', str(loader),
-                  '--set-rpath', str(loader.parent), str(program)], root)
+            _run(
+                [
+                    'patchelf',
+                    '--set-interpreter',
+                    str(loader),
+                    '--set-rpath',
+                    str(loader.parent),
+                    str(program),
+                ],
+                root,
+            )
 
 
 def _download(partial: Path) -> None:
@@ -76,15 +88,31 @@ def _download(partial: Path) -> None:
     shutil.copy(KEY, partial / 'keys')
     (partial / 'installed').touch()
     settings = {  # lists and caches lie in `partial`; the system's own sources are not used
-        'State::Lists': partial / 'lists', 'State::Status': partial / 'installed',
-        'Cache': partial / 'cache', 'Etc::SourceList': partial / 'debian.list',
-        'Etc::SourceParts': '/dev/null', 'Etc::Preferences': '/dev/null',
-        'Etc::PreferencesParts': '/dev/null', 'Etc::Trusted': '/dev/null',
-        'Etc::TrustedParts': f'{partial}/keys/'}
-    options = ['-o', 'APT::Sandbox::User=', '-o', 'Acquire::Languages=none',
-               '-o', 'APT::Architecture=amd64', '-o', 'APT::Architectures=amd64',
-               *(word for key, value in settings.items()
-                 for word in ('-o', f'Dir::{key}={value}'))]
+        'State::Lists': partial / 'lists',
+        'State::Status': partial / 'installed',
+        'Cache': partial / 'cache',
+        'Etc::SourceList': partial / 'debian.list',
+        'Etc::SourceParts': '/dev/null',
+        'Etc::Preferences': '/dev/null',
+        'Etc::PreferencesParts': '/dev/null',
+        'Etc::Trusted': '/dev/null',
+        'Etc::TrustedParts': f'{partial}/keys/',
+    }
+    options = [
+        '-o',
+        'APT::Sandbox::User=',
+        '-o',
+        'Acquire::Languages=none',
+        '-o',
+        'APT::Architecture=amd64',
+        '-o',
+        'APT::Architectures=amd64',
+        *(
+            word
+            for key, value in settings.items()
+            for word in ('-o', f'Dir::{key}={value}')
+        ),
+    ]
     mirrors = _mirrors(partial)
     for mirror in mirrors:
         (partial / 'debian.list').write_text(f'deb {mirror} {SUITE} main\n')
@@ -99,26 +127,46 @@ def _download(partial: Path) -> None:
 
 def _mirrors(partial: Path) -> list[str]:
     """Return the mirrors from which this Debian installs its packages."""
-    sources = _apt(partial, '-o', f'Dir::State::Lists={partial}/none', 'update', '--print-uris')
+    sources = _apt(
+        partial, '-o', f'Dir::State::Lists={partial}/none', 'update', '--print-uris'
+    )
     found = re.findall(r"^'(\S+?)/?/dists/\S+/InRelease'", sources, re.MULTILINE)
     if not found:
-        raise FetchError('apt has no sources; next: add a Debian mirror to the sources of apt')
+        raise FetchError(
+            'apt has no sources; next: add a Debian mirror to the sources of apt'
+        )
     return list(dict.fromkeys(found))
 
 
 def _apt(partial: Path, *arguments: str) -> str:
     temporary = partial / 'tmp'
     temporary.mkdir(exist_ok=True)
-    return _run(['apt-get', '-q', '-o', 'APT::Update::Error-Mode=any', *arguments], partial,
-                LC_ALL='C', TMPDIR=str(temporary))
+    return _run(
+        ['apt-get', '-q', '-o', 'APT::Update::Error-Mode=any', *arguments],
+        partial,
+        LC_ALL='C',
+        TMPDIR=str(temporary),
+    )
 
 
 def _run(command: list[str], folder: Path, **environment: str) -> str:
     result = subprocess.run(
-        command, cwd=folder, env={**os.environ, **environment}, timeout=TIMEOUT, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        command,
+        cwd=folder,
+        env={**os.environ, **environment},
+        timeout=TIMEOUT,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
     if result.returncode:
-        errors = [line for line in result.stdout.splitlines() if line.startswith(('E:', 'dpkg'))]
-        raise FetchError(f'{command[0]} {command[-1]} failed: '
-                         f'{" ".join(errors) or result.stdout[-300:]}')
+        errors = [
+            line
+            for line in result.stdout.splitlines()
+            if line.startswith(('E:', 'dpkg'))
+        ]
+        raise FetchError(
+            f'{command[0]} {command[-1]} failed: '
+            f'{" ".join(errors) or result.stdout[-300:]}'
+        )
     return result.stdout

@@ -90,7 +90,10 @@ def run_in_guest(command: list[str], silence: float = math.inf) -> tuple[str, in
 
 
 def _watch(
-    process: subprocess.Popen, folder: Path, line: SerialLine, silence: float,
+    process: subprocess.Popen,
+    folder: Path,
+    line: SerialLine,
+    silence: float,
 ) -> str | None:
     """Wait for the end of the guest; return the reason if it must be stopped, otherwise None."""
     begin = time.monotonic()
@@ -126,21 +129,37 @@ def _memory_folder() -> str:
             room = state.f_bavail * state.f_frsize
             if not state.f_flag & os.ST_NOEXEC and room > MEMORY:
                 return place
-    raise GuestUnavailableError(f'no folder has room for {MEMORY >> 20} MB of memory of the guest')
+    raise GuestUnavailableError(
+        f'no folder has room for {MEMORY >> 20} MB of memory of the guest'
+    )
 
 
 def _write_order(folder: Path, root: Path, command: list[str]) -> None:
     """Write the command for guest_init.py, and a program without arguments for the kernel."""
     modules = {path.stem: str(path) for path in root.glob('usr/lib/**/*.ko')}
-    order = {'command': command, 'directory': os.getcwd(), 'modules': modules,
-             'environment': {
-                 **os.environ, 'HOME': '/dev/tmp', 'TMPDIR': '/dev/tmp',
-                 'ROS_LOG_DIR': '/dev/tmp/ros', 'TERM': 'dumb',
-                 'PATH': f'{os.environ["PATH"]}:{root}/usr/bin:/usr/sbin:/sbin'}}
+    order = {
+        'command': command,
+        'directory': os.getcwd(),
+        'modules': modules,
+        'environment': {
+            **os.environ,
+            'HOME': '/dev/tmp',
+            'TMPDIR': '/dev/tmp',
+            'ROS_LOG_DIR': '/dev/tmp/ros',
+            'TERM': 'dumb',
+            'PATH': f'{os.environ["PATH"]}:{root}/usr/bin:/usr/sbin:/sbin',
+        },
+    }
     (folder / 'command.json').write_text(json.dumps(order))
-    python = (sys.executable, '-I', '-S', '-c',
-              f'import sys; sys.path.insert(0, {str(HERE)!r}); import guest_init; '
-              'guest_init.main()', str(folder))
+    python = (
+        sys.executable,
+        '-I',
+        '-S',
+        '-c',
+        f'import sys; sys.path.insert(0, {str(HERE)!r}); import guest_init; '
+        'guest_init.main()',
+        str(folder),
+    )
     (folder / 'init').write_text(f'#!/bin/sh\nexec {shlex.join(python)}\n')
     (folder / 'init').chmod(0o755)
 
@@ -153,16 +172,40 @@ def _start(folder: Path, root: Path, line: int) -> subprocess.Popen:
     console = os.open(folder / 'console', os.O_WRONLY | os.O_CREAT)
     # seccomp is faster than tracing the processes of the guest; they could leave it, but they
     # are ours.
-    options = ('seccomp=auto', 'rootfstype=hostfs', 'rootflags=/', 'rw', 'devtmpfs.mount=0',
-               f'init="{folder}/init"', 'panic=-1', f'mem={MEMORY >> 20}M',
-               f'umid={folder.name}', 'con=null', f'con0=null,fd:{console}', 'ssl=null',
-               f'ssl0=null,fd:{line}')
+    options = (
+        'seccomp=auto',
+        'rootfstype=hostfs',
+        'rootflags=/',
+        'rw',
+        'devtmpfs.mount=0',
+        f'init="{folder}/init"',
+        'panic=-1',
+        f'mem={MEMORY >> 20}M',
+        f'umid={folder.name}',
+        'con=null',
+        f'con0=null,fd:{console}',
+        'ssl=null',
+        f'ssl0=null,fd:{line}',
+    )
     process = subprocess.Popen(
-        ['taskset', '--cpu-list', str(max(os.sched_getaffinity(0))),
-         'sh', '-c', LAUNCH, 'sh', kernel, *options],
+        [
+            'taskset',
+            '--cpu-list',
+            str(max(os.sched_getaffinity(0))),
+            'sh',
+            '-c',
+            LAUNCH,
+            'sh',
+            kernel,
+            *options,
+        ],
         env={'TMPDIR': _memory_folder(), 'HOME': str(folder), 'PATH': os.defpath},
-        stdin=subprocess.PIPE, stdout=console, stderr=console, pass_fds=(console, line),
-        start_new_session=True)
+        stdin=subprocess.PIPE,
+        stdout=console,
+        stderr=console,
+        pass_fds=(console, line),
+        start_new_session=True,
+    )
     os.close(console)
     return process
 
@@ -193,8 +236,9 @@ def _outcome(folder: Path, reason: str) -> tuple[str, int]:
     """Return the kernel's version and the exit status of the command, or raise an error."""
     text, status, error = ((folder / name) for name in ('console', 'status', 'error'))
     console = text.read_text(errors='replace')
-    last_lines = '\n'.join(['the last lines of its console:',
-                            *console.splitlines()[-CONSOLE_LINES:]])
+    last_lines = '\n'.join(
+        ['the last lines of its console:', *console.splitlines()[-CONSOLE_LINES:]]
+    )
     if status.exists():
         version = re.search(r'Linux version (\S+)', console)
         return version[1] if version else 'of unknown version', int(status.read_text())
@@ -203,4 +247,5 @@ def _outcome(folder: Path, reason: str) -> tuple[str, int]:
     if (folder / 'alive').exists():
         raise GuestError(f'the guest {reason}\n{last_lines}')
     raise GuestUnavailableError(
-        f'user-mode Linux does not start here: the guest {reason}\n{last_lines}')
+        f'user-mode Linux does not start here: the guest {reason}\n{last_lines}'
+    )

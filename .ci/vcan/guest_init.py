@@ -18,10 +18,25 @@ import traceback
 
 import link
 
-DEVICES = {'null': (1, 3), 'zero': (1, 5), 'full': (1, 7), 'random': (1, 8), 'urandom': (1, 9),
-           'tty': (5, 0), 'console': (5, 1), 'ptmx': (5, 2), 'ttyS0': (4, 64)}
-MOUNTS = (('proc', '/proc'), ('sysfs', '/sys'), ('tmpfs', '/dev'), ('devpts', '/dev/pts'),
-          ('tmpfs', '/dev/shm'), ('tmpfs', '/dev/tmp'))
+DEVICES = {
+    'null': (1, 3),
+    'zero': (1, 5),
+    'full': (1, 7),
+    'random': (1, 8),
+    'urandom': (1, 9),
+    'tty': (5, 0),
+    'console': (5, 1),
+    'ptmx': (5, 2),
+    'ttyS0': (4, 64),
+}
+MOUNTS = (
+    ('proc', '/proc'),
+    ('sysfs', '/sys'),
+    ('tmpfs', '/dev'),
+    ('devpts', '/dev/pts'),
+    ('tmpfs', '/dev/shm'),
+    ('tmpfs', '/dev/tmp'),
+)
 MODULES = ('can', 'can-raw', 'can-bcm', 'can-dev', 'vcan')
 FINIT_MODULE = 313  # system call number on x86-64
 POWER_OFF = 0x4321FEDC
@@ -60,7 +75,10 @@ def mount_all() -> None:
     os.umask(0)
     for kind, place in MOUNTS:
         os.makedirs(place, exist_ok=True)
-        check(libc.mount(kind.encode(), place.encode(), kind.encode(), 0, None), f'mount {place}')
+        check(
+            libc.mount(kind.encode(), place.encode(), kind.encode(), 0, None),
+            f'mount {place}',
+        )
         if place == '/dev':
             for name, (major, minor) in DEVICES.items():
                 os.mknod(f'/dev/{name}', stat.S_IFCHR | 0o666, os.makedev(major, minor))

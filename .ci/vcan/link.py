@@ -25,32 +25,46 @@ def bring_up(interface: str = 'vcan0') -> None:
 def add_vcan(interface: str) -> None:
     """Create a virtual CAN interface (rtnetlink, RTM_NEWLINK of kind vcan)."""
     kind = attribute(IFLA_INFO_KIND, b'vcan')
-    body = (struct.pack('=BxHiII', socket.AF_UNSPEC, 0, 0, 0, 0)
-            + attribute(IFLA_IFNAME, interface.encode() + b'\0') + attribute(IFLA_LINKINFO, kind))
+    body = (
+        struct.pack('=BxHiII', socket.AF_UNSPEC, 0, 0, 0, 0)
+        + attribute(IFLA_IFNAME, interface.encode() + b'\0')
+        + attribute(IFLA_LINKINFO, kind)
+    )
     flags = NLM_F_REQUEST | NLM_F_ACK | NLM_F_CREATE
-    with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as netlink:
-        netlink.send(struct.pack('=IHHII', 16 + len(body), RTM_NEWLINK, flags, 1, 0) + body)
+    with socket.socket(
+        socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE
+    ) as netlink:
+        netlink.send(
+            struct.pack('=IHHII', 16 + len(body), RTM_NEWLINK, flags, 1, 0) + body
+        )
         reply = netlink.recv(4096)
-    message_type, = struct.unpack_from('=H', reply, 4)
-    code, = struct.unpack_from('=i', reply, 16)
+    (message_type,) = struct.unpack_from('=H', reply, 4)
+    (code,) = struct.unpack_from('=i', reply, 16)
     if message_type != NLMSG_ERROR or code:
         raise OSError(
-            -code, f'the kernel cannot make {interface} of type vcan: {os.strerror(-code)}')
+            -code,
+            f'the kernel cannot make {interface} of type vcan: {os.strerror(-code)}',
+        )
 
 
 def attribute(kind: int, payload: bytes) -> bytes:
     """Encode one netlink attribute, padded to four bytes."""
-    return (struct.pack('=HH', 4 + len(payload), kind) + payload).ljust((7 + len(payload)) & ~3,
-                                                                       b'\0')
+    return (struct.pack('=HH', 4 + len(payload), kind) + payload).ljust(
+        (7 + len(payload)) & ~3, b'\0'
+    )
 
 
 def set_flags(interface: str, flags: int, is_set: bool = True) -> None:
     """Set or clear flags, such as IFF_UP, of an interface."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as handle:
         request = struct.pack('16sH14x', interface.encode(), 0)
-        present, = struct.unpack_from('=H', fcntl.ioctl(handle, SIOCGIFFLAGS, request), 16)
+        (present,) = struct.unpack_from(
+            '=H', fcntl.ioctl(handle, SIOCGIFFLAGS, request), 16
+        )
         wanted = present | flags if is_set else present & ~flags
-        fcntl.ioctl(handle, SIOCSIFFLAGS, struct.pack('16sH14x', interface.encode(), wanted))
+        fcntl.ioctl(
+            handle, SIOCSIFFLAGS, struct.pack('16sH14x', interface.encode(), wanted)
+        )
 
 
 def clear_flags(interface: str, flags: int) -> None:

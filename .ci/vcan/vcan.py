@@ -62,8 +62,15 @@ def call(command: list[str], environment: dict[str, str] | None = None) -> int:
 
 def _succeeds(command: list[str]) -> bool:
     try:
-        return subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                              timeout=PROBE_TIMEOUT).returncode == 0
+        return (
+            subprocess.run(
+                command,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                timeout=PROBE_TIMEOUT,
+            ).returncode
+            == 0
+        )
     except (OSError, subprocess.TimeoutExpired):
         return False
 
@@ -82,10 +89,14 @@ def main() -> int:
         _run_inside(sys.argv[2:])
     parser, command = argparse.ArgumentParser(description=__doc__), sys.argv.index('--')
     parser.add_argument(
-        '--silence', type=float, default=math.inf, help='longest time without output [s]')
+        '--silence',
+        type=float,
+        default=math.inf,
+        help='longest time without output [s]',
+    )
     options = parser.parse_args(sys.argv[1:command])
     try:
-        place, status = run(sys.argv[command + 1:], options.silence)
+        place, status = run(sys.argv[command + 1 :], options.silence)
     except guest.GuestError as error:
         sys.exit(f'guest: {error}')
     print(f'the command ran in {place}')

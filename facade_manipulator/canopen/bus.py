@@ -24,15 +24,24 @@ from can.interfaces.socketcan.socketcan import create_bcm_socket
 from can.interfaces.virtual import VirtualBus
 from canopen.nmt import NMT_COMMANDS
 
-from facade_manipulator.canopen.link import BusSettings, BusStatistics, check_link, restart_command
+from facade_manipulator.canopen.link import (
+    BusSettings,
+    BusStatistics,
+    check_link,
+    restart_command,
+)
 from facade_manipulator.canopen.pdo import NMT_COB_ID, SYNC_COB_ID
 from facade_manipulator.errors import BusError
 
 MAXIMUM_STAMP_AGE = 10.0  # s: an older stamp comes from another clock
 NO_KERNEL_SYNC = (
     'the control loop sends SYNC, because the kernel has no CAN broadcast manager; next: '
-    'sudo modprobe can-bcm, then cleanup and configure, for less jitter')
-_FULL = (errno.ENOBUFS, errno.EAGAIN)  # queue of the interface full, queue of the socket full
+    'sudo modprobe can-bcm, then cleanup and configure, for less jitter'
+)
+_FULL = (
+    errno.ENOBUFS,
+    errno.EAGAIN,
+)  # queue of the interface full, queue of the socket full
 _ERRORS = (can.CanError, OSError, ValueError)  # the interface is down, gone or closed
 
 
@@ -42,7 +51,11 @@ class BusCongestedError(BusError):
 
 # error classes in the identifier of an error frame, and bits of data[1] for a controller problem
 _BUS_OFF, _RESTARTED, _CONTROLLER_PROBLEM = 0x040, 0x100, 0x004
-_CONDITIONS = {0x30: 'passive', 0x0C: 'warning', 0x40: 'active'}  # by mask, the worst first
+_CONDITIONS = {
+    0x30: 'passive',
+    0x0C: 'warning',
+    0x40: 'active',
+}  # by mask, the worst first
 
 
 class Frame(NamedTuple):
@@ -65,11 +78,21 @@ def open_bus(settings: BusSettings) -> can.BusABC:
         check_link(settings.channel, settings.bitrate)
     try:
         return can.Bus(  # a user's can.conf could make it receive its own frames
-            interface=settings.interface, channel=settings.channel, bitrate=settings.bitrate,
-            ignore_config=True)
-    except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
+            interface=settings.interface,
+            channel=settings.channel,
+            bitrate=settings.bitrate,
+            ignore_config=True,
+        )
+    except (
+        can.CanError,
+        OSError,
+        ValueError,
+        ImportError,
+        NotImplementedError,
+    ) as error:
         raise BusError(
-            f'{settings.interface} {settings.channel} cannot be opened: {error}') from error
+            f'{settings.interface} {settings.channel} cannot be opened: {error}'
+        ) from error
 
 
 class CanBus:
@@ -84,9 +107,13 @@ class CanBus:
         self._sync_task: can.CyclicSendTaskABC | None = None
         #: counters, and the condition of the controller
         self.statistics = BusStatistics()
-        self.is_virtual = isinstance(bus, VirtualBus)  # within this process, without a cable
+        self.is_virtual = isinstance(
+            bus, VirtualBus
+        )  # within this process, without a cable
         if isinstance(bus, VirtualBus):
-            bus.preserve_timestamps = True  # frames of simulated drives have their own stamps
+            bus.preserve_timestamps = (
+                True  # frames of simulated drives have their own stamps
+            )
         if isinstance(bus, SocketcanBus):
             try:  # the kernel loads its module if it is available
                 create_bcm_socket(bus.channel).close()
@@ -101,9 +128,12 @@ class CanBus:
     def listen_to(self, cob_ids: tuple[int, ...]) -> None:
         """Let the kernel drop all frames except those of the given COB-IDs, on SocketCAN."""
         if isinstance(self._bus, SocketcanBus):
-            self._bus.set_filters([
-                {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False}
-                for cob_id in cob_ids])
+            self._bus.set_filters(
+                [
+                    {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False}
+                    for cob_id in cob_ids
+                ]
+            )
 
     def receive(self, timeout: float) -> Frame | None:
         """
@@ -120,7 +150,9 @@ class CanBus:
         if message is None:
             return None
         if message.is_error_frame:
-            self._note_error(message.arbitration_id, bytes(message.data).ljust(2, b'\0')[1])
+            self._note_error(
+                message.arbitration_id, bytes(message.data).ljust(2, b'\0')[1]
+            )
             return None
         if message.is_extended_id or message.is_remote_frame or message.is_fd:
             self.statistics.ignored += 1
@@ -129,10 +161,16 @@ class CanBus:
         age = time.time() - message.timestamp
         if not 0.0 <= age < MAXIMUM_STAMP_AGE:
             age = 0.0  # the system clock was set after reception
-        return Frame(message.arbitration_id, bytes(message.data), time.monotonic() - age,
-                     message.timestamp)
+        return Frame(
+            message.arbitration_id,
+            bytes(message.data),
+            time.monotonic() - age,
+            message.timestamp,
+        )
 
-    def send(self, cob_id: int, data: bytes = b'', sampled: float | None = None) -> None:
+    def send(
+        self, cob_id: int, data: bytes = b'', sampled: float | None = None
+    ) -> None:
         """
         Send a standard data frame without waiting.
 
@@ -141,7 +179,9 @@ class CanBus:
         it is down or gone.
         """
         age = 0.0 if sampled is None else time.monotonic() - sampled
-        message = can.Message(time.time() - age, cob_id, is_extended_id=False, data=data)
+        message = can.Message(
+            time.time() - age, cob_id, is_extended_id=False, data=data
+        )
         try:
             with self._sending:
                 self._bus.send(message)
@@ -169,7 +209,9 @@ class CanBus:
         """Stop the SYNC of the kernel, if it is active."""
         task, self._sync_task = self._sync_task, None
         if task is not None:
-            with suppress(*_ERRORS):  # the sockets of a removed interface are already closed
+            with suppress(
+                *_ERRORS
+            ):  # the sockets of a removed interface are already closed
                 task.stop()
 
     def close(self) -> None:
@@ -184,19 +226,24 @@ class CanBus:
         noted.error_frames += 1
         if error_class & _BUS_OFF:
             noted.condition = 'off'
-            raise BusError(f'{self}: the controller is bus-off; next: check bit rate and wiring, '
-                           f'then {restart_command(getattr(self._bus, "channel", str(self)))}')
+            raise BusError(
+                f'{self}: the controller is bus-off; next: check bit rate and wiring, '
+                f'then {restart_command(getattr(self._bus, "channel", str(self)))}'
+            )
         if error_class & _RESTARTED:
             noted.condition = 'active'
         elif error_class & _CONTROLLER_PROBLEM:
             noted.overflows += bool(bits & 0x03)  # queue of the controller
             noted.condition = next(
-                (_CONDITIONS[mask] for mask in _CONDITIONS if bits & mask), noted.condition)
+                (_CONDITIONS[mask] for mask in _CONDITIONS if bits & mask),
+                noted.condition,
+            )
 
     def _error(self, error: Exception) -> BusError:
         code = getattr(error, 'error_code', None) or getattr(error, 'errno', None)
         if code in _FULL or (code is None and 'full' in str(error).lower()):
             return BusCongestedError(
                 f'{self}: the send queue is full, because no node acknowledges frames: '
-                'check power of the drives, wiring and bit rate')
+                'check power of the drives, wiring and bit rate'
+            )
         return BusError(f'{self}: {error}')

@@ -19,12 +19,30 @@ from canopen.objectdictionary import datatypes, eds, ODVariable
 
 from facade_manipulator.errors import ParameterError
 
-_WHOLE_NUMBERS = frozenset({
-    'ObjectType', 'DataType', 'PDOMapping', 'CompactSubObj', 'NrOfEntries',
-    'VendorNumber', 'ProductNumber', 'RevisionNumber'})
+_WHOLE_NUMBERS = frozenset(
+    {
+        'ObjectType',
+        'DataType',
+        'PDOMapping',
+        'CompactSubObj',
+        'NrOfEntries',
+        'VendorNumber',
+        'ProductNumber',
+        'RevisionNumber',
+    }
+)
 _VALUES = frozenset({'LowLimit', 'HighLimit', 'DefaultValue', 'ParameterValue'})
-_KEYS = {name.lower(): name for name in (
-    *_WHOLE_NUMBERS, *_VALUES, 'ParameterName', 'AccessType', 'VendorName', 'ProductName')}
+_KEYS = {
+    name.lower(): name
+    for name in (
+        *_WHOLE_NUMBERS,
+        *_VALUES,
+        'ParameterName',
+        'AccessType',
+        'VendorName',
+        'ProductName',
+    )
+}
 _NOT_WHOLE = frozenset({*datatypes.FLOAT_TYPES, *datatypes.DATA_TYPES})
 
 
@@ -47,8 +65,10 @@ def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
             raise ValueError('it has no objects')
     except Exception as error:  # the library raises any error for a maker's file
         reason = ' '.join(str(error).split())
-        raise ParameterError(f'{path} is not a readable EDS or DCF: {reason}; next: correct the '
-                             'file as in CiA 306') from error
+        raise ParameterError(
+            f'{path} is not a readable EDS or DCF: {reason}; next: correct the '
+            'file as in CiA 306'
+        ) from error
     return dictionary
 
 
@@ -62,10 +82,14 @@ def _normalised(text: str) -> StringIO:
         name = name.replace('DEVICEINFO', 'DeviceInfo')
         entries = {'ParameterName': name} | {
             key: _number(value) if key in _WHOLE_NUMBERS else value
-            for key, value in found[section].items() if value}
+            for key, value in found[section].items()
+            if value
+        }
         data_type = int(entries.get('DataType', '0'), 0)
         is_composite = int(entries.get('ObjectType', '0'), 0) in (eds.ARR, eds.RECORD)
-        if re.fullmatch('[0-9A-F]+(sub[0-9A-F]+)?', name) and not (is_composite or data_type):
+        if re.fullmatch('[0-9A-F]+(sub[0-9A-F]+)?', name) and not (
+            is_composite or data_type
+        ):
             continue
         if data_type not in _NOT_WHOLE:
             entries |= {key: _number(entries[key]) for key in _VALUES & entries.keys()}
@@ -83,6 +107,9 @@ def _number(text: str) -> str:
 
 def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]:
     """Return all variables of an object dictionary by index and subindex."""
-    found = [one for entry in dictionary.values()
-             for one in ([entry] if isinstance(entry, ODVariable) else entry.values())]
+    found = [
+        one
+        for entry in dictionary.values()
+        for one in ([entry] if isinstance(entry, ODVariable) else entry.values())
+    ]
     return {(one.index, one.subindex): one for one in found}

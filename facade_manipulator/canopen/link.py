@@ -26,10 +26,16 @@ class BusSettings:
     """Settings of the CAN interface of the drives."""
 
     interface: str = parameter(
-        'Kind of CAN interface, as python-can names it', default='virtual')
+        'Kind of CAN interface, as python-can names it', default='virtual'
+    )
     channel: str = parameter('Name of the CAN interface', default='can0')
     bitrate: int = parameter(
-        'Bit rate of the bus', default=1_000_000, unit='bit/s', minimum=10_000, maximum=1_000_000)
+        'Bit rate of the bus',
+        default=1_000_000,
+        unit='bit/s',
+        minimum=10_000,
+        maximum=1_000_000,
+    )
 
     def missing(self) -> str:
         """Return why the bus cannot be opened yet, as during start-up; ``''`` if it can."""
@@ -53,16 +59,22 @@ class BusStatistics:
 def check_link(channel: str, bitrate: int) -> None:
     """Raise a BusError if an interface is missing, down, bus-off, or at another bit rate."""
     link, details = f'sudo ip link set {channel}', _details(channel)
-    actual = details.get('bittiming', {}).get('bitrate', bitrate)  # vcan has no bit rate
+    actual = details.get('bittiming', {}).get(
+        'bitrate', bitrate
+    )  # vcan has no bit rate
     if not (_SYSTEM / channel).exists():
         problem = 'is missing; next: ' + (
-            f'sudo ip link add {channel} up type vcan' if channel.startswith('vcan')
-            else 'connect its adapter, or correct the parameter bus.channel')
+            f'sudo ip link add {channel} up type vcan'
+            if channel.startswith('vcan')
+            else 'connect its adapter, or correct the parameter bus.channel'
+        )
     elif not is_up(channel):
         problem = f'is down; next: {link} up type can bitrate {bitrate}'
     elif actual != bitrate:
-        problem = (f'runs at {actual} bit/s, not at {bitrate} bit/s; next: {link} down, then '
-                   f'{link} up type can bitrate {bitrate}')
+        problem = (
+            f'runs at {actual} bit/s, not at {bitrate} bit/s; next: {link} down, then '
+            f'{link} up type can bitrate {bitrate}'
+        )
     elif details.get('state') == 'BUS-OFF':
         problem = f'is bus-off; next: check wiring and bit rate, then {restart_command(channel)}'
     else:
@@ -89,7 +101,11 @@ def _details(channel: str) -> dict[str, Any]:
     try:
         answer = subprocess.run(
             ['ip', '-json', '-details', 'link', 'show', 'dev', channel],
-            capture_output=True, text=True, timeout=_QUERY_TIMEOUT, check=True)
+            capture_output=True,
+            text=True,
+            timeout=_QUERY_TIMEOUT,
+            check=True,
+        )
         return json.loads(answer.stdout)[0].get('linkinfo', {}).get('info_data', {})
     except (OSError, subprocess.SubprocessError, ValueError, LookupError):
         return {}

@@ -23,11 +23,18 @@ SYNC_COB_ID = 0x080
 # COB-IDs of the predefined connection set; the node id is added
 EMERGENCY, SDO_RESPONSE, SDO_REQUEST, HEARTBEAT = 0x080, 0x580, 0x600, 0x700
 MASTER_NODE_ID = 127
-PDO_NOT_VALID, RTR_NOT_ALLOWED = 1 << 31, 1 << 30  # bits of the COB-ID in 1400h and 1800h
+PDO_NOT_VALID, RTR_NOT_ALLOWED = (
+    1 << 31,
+    1 << 30,
+)  # bits of the COB-ID in 1400h and 1800h
 
 ALL_BITS = 0xFFFFFFFF
-HIGHEST_FULL_RATE = 200  # Hz, maximum rate of cycles at which the bus has room for every PDO
-PDO_NAMES = tuple(f'{direction}PDO{number}' for direction in 'RT' for number in range(1, 5))
+HIGHEST_FULL_RATE = (
+    200  # Hz, maximum rate of cycles at which the bus has room for every PDO
+)
+PDO_NAMES = tuple(
+    f'{direction}PDO{number}' for direction in 'RT' for number in range(1, 5)
+)
 
 
 class Write(NamedTuple):
@@ -36,7 +43,9 @@ class Write(NamedTuple):
     index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
     value: int
-    size: int | None = None  #: bytes; None for the size in the drive's object dictionary
+    size: int | None = (
+        None  #: bytes; None for the size in the drive's object dictionary
+    )
     required: bool = True  #: whether a drive without the object is rejected
     #: mask of the bits that must be read back as written; 0 for an intermediate value
     compared: int = ALL_BITS
@@ -55,7 +64,9 @@ class MappedObject(NamedTuple):
     @property
     def mapping(self) -> int:
         """Return the entry of 1600h or 1A00h: index, subindex and length in bits."""
-        return self.index << 16 | self.subindex << 8 | 8 * struct.calcsize(f'<{self.code}')
+        return (
+            self.index << 16 | self.subindex << 8 | 8 * struct.calcsize(f'<{self.code}')
+        )
 
 
 @dataclass
@@ -68,8 +79,12 @@ class Pdo:
 
     def __post_init__(self) -> None:
         self.number = int(self.name[-1])
-        self.is_transmitted = self.name.startswith('T')  #: named from the side of the drive
-        self.communication_index = (0x1800 if self.is_transmitted else 0x1400) + self.number - 1
+        self.is_transmitted = self.name.startswith(
+            'T'
+        )  #: named from the side of the drive
+        self.communication_index = (
+            (0x1800 if self.is_transmitted else 0x1400) + self.number - 1
+        )
         #: format of the data bytes, little-endian
         self.codec = struct.Struct('<' + ''.join(item.code for item in self.content))
         self.indices = tuple(item.index for item in self.content)
@@ -95,7 +110,13 @@ class Pdo:
         """Return the write that disables the PDO; the drive may keep another COB-ID."""
         entry = self._cob_id_entry(node_id) | PDO_NOT_VALID
         return Write(
-            self.communication_index, 1, entry, 4, required=False, compared=PDO_NOT_VALID)
+            self.communication_index,
+            1,
+            entry,
+            4,
+            required=False,
+            compared=PDO_NOT_VALID,
+        )
 
     def configure_writes(self, node_id: int, rate: int = 100) -> list[Write]:
         """
@@ -108,25 +129,50 @@ class Pdo:
         return [
             self.disable_write(node_id)._replace(required=True, compared=0),
             Write(mapping, 0, 0, 1, compared=0),
-            *(Write(mapping, position, item.mapping, 4)
-              for position, item in enumerate(self.content, start=1)),
+            *(
+                Write(mapping, position, item.mapping, 4)
+                for position, item in enumerate(self.content, start=1)
+            ),
             Write(mapping, 0, len(self.content), 1),
             Write(self.communication_index, 2, self.transmission(rate), 1),
-            Write(self.communication_index, 1, self._cob_id_entry(node_id), 4,
-                  compared=ALL_BITS & ~RTR_NOT_ALLOWED)]
+            Write(
+                self.communication_index,
+                1,
+                self._cob_id_entry(node_id),
+                4,
+                compared=ALL_BITS & ~RTR_NOT_ALLOWED,
+            ),
+        ]
 
     def _cob_id_entry(self, node_id: int) -> int:
         return self.cob_id(node_id) | (RTR_NOT_ALLOWED if self.is_transmitted else 0)
 
 
-RPDO1 = Pdo('RPDO1', (
-    MappedObject(0x6040, 0, 'H'), MappedObject(0x6060, 0, 'b'), MappedObject(0x607A, 0, 'i')))
-TPDO1 = Pdo('TPDO1', (
-    MappedObject(0x6041, 0, 'H'), MappedObject(0x6061, 0, 'b'), MappedObject(0x6064, 0, 'i')))
-TPDO2 = Pdo('TPDO2', (
-    MappedObject(0x606C, 0, 'i'), MappedObject(0x60F4, 0, 'i')))
-TPDO3 = Pdo('TPDO3', (
-    MappedObject(0x603F, 0, 'H'), MappedObject(0x6077, 0, 'h'), MappedObject(0x60FD, 0, 'I')))
+RPDO1 = Pdo(
+    'RPDO1',
+    (
+        MappedObject(0x6040, 0, 'H'),
+        MappedObject(0x6060, 0, 'b'),
+        MappedObject(0x607A, 0, 'i'),
+    ),
+)
+TPDO1 = Pdo(
+    'TPDO1',
+    (
+        MappedObject(0x6041, 0, 'H'),
+        MappedObject(0x6061, 0, 'b'),
+        MappedObject(0x6064, 0, 'i'),
+    ),
+)
+TPDO2 = Pdo('TPDO2', (MappedObject(0x606C, 0, 'i'), MappedObject(0x60F4, 0, 'i')))
+TPDO3 = Pdo(
+    'TPDO3',
+    (
+        MappedObject(0x603F, 0, 'H'),
+        MappedObject(0x6077, 0, 'h'),
+        MappedObject(0x60FD, 0, 'I'),
+    ),
+)
 
 CONTROLWORD, MODE_COMMAND, TARGET = RPDO1.indices
 STATUSWORD, MODE, POSITION = TPDO1.indices
@@ -142,7 +188,8 @@ def frames_of_masters(node_ids: Iterable[int]) -> dict[int, tuple[str, bool]]:
     frames = {
         HEARTBEAT + MASTER_NODE_ID: ('its heartbeat (77Fh)', True),
         SYNC_COB_ID: ('SYNC (080h)', True),
-        NMT_COB_ID: ('an NMT command', False)}
+        NMT_COB_ID: ('an NMT command', False),
+    }
     for node in node_ids:
         frames[RPDO1.cob_id(node)] = f'process data for node {node}', True
         frames[SDO_REQUEST + node] = f'an SDO request to node {node}', False
@@ -151,4 +198,6 @@ def frames_of_masters(node_ids: Iterable[int]) -> dict[int, tuple[str, bool]]:
 
 def unused_pdos(used: Iterable[Pdo]) -> tuple[Pdo, ...]:
     """Return the unused PDOs among the four of each direction."""
-    return tuple(Pdo(name) for name in PDO_NAMES if name not in {one.name for one in used})
+    return tuple(
+        Pdo(name) for name in PDO_NAMES if name not in {one.name for one in used}
+    )

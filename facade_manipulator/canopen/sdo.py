@@ -29,7 +29,9 @@ NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
 
 def expedited_download(index: int, subindex: int, data: bytes) -> bytes:
     """Return the frame that writes an object of at most four bytes (CiA 301, SDO download)."""
-    specifier = 0x23 | (4 - len(data)) << 2  # bits 2 and 3: how many of four bytes are unused
+    specifier = (
+        0x23 | (4 - len(data)) << 2
+    )  # bits 2 and 3: how many of four bytes are unused
     return struct.pack('<BHB4s', specifier, index, subindex, data)
 
 
@@ -59,7 +61,9 @@ class SdoChannel(canopen.sdo.SdoClient):
         #: time [s] on the monotonic clock after which no request is sent, because segments may
         # never end
         self.deadline = math.inf
-        dictionary = read_dictionary(eds, node_id) if eds else canopen.ObjectDictionary()
+        dictionary = (
+            read_dictionary(eds, node_id) if eds else canopen.ObjectDictionary()
+        )
         super().__init__(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, dictionary)
 
     def read(self, index: int, subindex: int) -> bytes:
@@ -82,7 +86,9 @@ class SdoChannel(canopen.sdo.SdoClient):
     def size(self, index: int, subindex: int) -> int | None:
         """Return the size of an object [bytes], None if the EDS does not define a size."""
         variable = self.od.get_variable(index, subindex)
-        return len(variable) // 8 if variable is not None and variable.fixed_size else None
+        return (
+            len(variable) // 8 if variable is not None and variable.fixed_size else None
+        )
 
     def _repeat(self, index: int, subindex: int, transfer: Callable[[], Any]) -> Any:
         """Retry a transfer after a lost or foreign answer; an abort counts as an answer."""
@@ -95,20 +101,27 @@ class SdoChannel(canopen.sdo.SdoClient):
                 meaning = error.CODES.get(error.code, 'no further reason')
                 raise SdoAbortError(
                     f'{drive} rejects {target}: {meaning[:1].lower()}{meaning[1:]} (abort '
-                    f'{error.code >> 16:04X} {error.code & 0xFFFF:04X}h)', error.code) from error
+                    f'{error.code >> 16:04X} {error.code & 0xFFFF:04X}h)',
+                    error.code,
+                ) from error
             except canopen.SdoCommunicationError:
                 continue
         raise DriveTimeoutError(
             f'{drive} does not answer for {target} within {ATTEMPTS} × '
-            f'{self.RESPONSE_TIMEOUT:g} s: check its power, its node id and the bit rate')
+            f'{self.RESPONSE_TIMEOUT:g} s: check its power, its node id and the bit rate'
+        )
 
     def send_request(self, request: bytes) -> None:
         """Send a request of a transfer, unless its time is over."""
         if self._clock.monotonic() > self.deadline:
             raise DriveTimeoutError(
                 f'{self.name} (node {self.node_id}) was still busy with {self._target} when the '
-                'time for this request was over: it answers too slowly, or without an end')
-        is_first = request[0] & 0xE0 in (0x20, 0x40)  # of a transfer: its answer has the object
+                'time for this request was over: it answers too slowly, or without an end'
+            )
+        is_first = request[0] & 0xE0 in (
+            0x20,
+            0x40,
+        )  # of a transfer: its answer has the object
         self._asked = bytes(request[1:4]) if is_first else b''
         self._answered.clear()
         self._bus.send(self.rx_cobid, bytes(request))
@@ -126,7 +139,9 @@ class SdoChannel(canopen.sdo.SdoClient):
         Answers for another object belong to requests of the control thread, which calls this
         method.
         """
-        is_answer = len(frame.data) == SDO_FRAME_LENGTH and frame.data[1:4].startswith(self._asked)
+        is_answer = len(frame.data) == SDO_FRAME_LENGTH and frame.data[1:4].startswith(
+            self._asked
+        )
         if is_answer and not self._answered.is_set():
             self.responses.put(frame.data)
             self._answered.set()

@@ -28,8 +28,18 @@ from facade_manipulator.compensation.following import Following, HeldBack
 from facade_manipulator.compensation.workspace import WorkspaceLimit
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose, ZERO_POSE
-from facade_manipulator.kinematics.planar import add, compose, difference, relative, subtract
-from facade_manipulator.motion.reference import HeadMotion, ReferencePath, ReferenceSettings
+from facade_manipulator.kinematics.planar import (
+    add,
+    compose,
+    difference,
+    relative,
+    subtract,
+)
+from facade_manipulator.motion.reference import (
+    HeadMotion,
+    ReferencePath,
+    ReferenceSettings,
+)
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings
 
@@ -41,11 +51,18 @@ class CompensationSettings:
     """Settings of the compensation: lead and minimum conditioning of corrected poses."""
 
     horizon: float = parameter(
-        'Lead of the instant of a corrected pose over its publication', default=0.06, unit='s',
-        minimum=0.005, maximum=0.5)
+        'Lead of the instant of a corrected pose over its publication',
+        default=0.06,
+        unit='s',
+        minimum=0.005,
+        maximum=0.5,
+    )
     min_conditioning: float = parameter(
-        'Minimum local conditioning index of a corrected pose', default=0.05, minimum=0.0,
-        maximum=1.0)
+        'Minimum local conditioning index of a corrected pose',
+        default=0.05,
+        minimum=0.0,
+        maximum=1.0,
+    )
 
 
 class CorrectedPose(NamedTuple):
@@ -55,7 +72,9 @@ class CorrectedPose(NamedTuple):
     reach_time: float  #: instant at which the head reaches the pose, after its lag [s]
     pose: Pose  #: in frame rail
     reference: Pose  #: path to the goal at `reach_time`, in frame facade
-    disturbance: Pose  #: corrected disturbance at `reach_time`: frame rail in frame facade
+    disturbance: (
+        Pose  #: corrected disturbance at `reach_time`: frame rail in frame facade
+    )
     saturation_error: Pose  #: removed from each axis at the workspace limit [m, m, rad]
 
 
@@ -76,14 +95,18 @@ DEFAULTS = CompensatorSettings()
 class Compensator:
     """Compensator: goals, estimates and contact measurements become corrected poses."""
 
-    def __init__(self, geometry: Geometry, settings: CompensatorSettings = DEFAULTS) -> None:
+    def __init__(
+        self, geometry: Geometry, settings: CompensatorSettings = DEFAULTS
+    ) -> None:
         self._mechanism = Mechanism(geometry)
         self.settings = settings.compensation
         #: present correction and its mode
         self.correction = Correction(settings.correction)
         #: shift of the goal by the wall; receives the measurements at the wall
         self.contact = Contact(settings.contact, settings.lateral)
-        self.following = Following()  #: tracking of the path; receives measured head poses
+        self.following = (
+            Following()
+        )  #: tracking of the path; receives measured head poses
         self.goal: Pose | None = None  #: final pose of the head on the wall
         self.initialisations = 0  #: number of times the path began at the head
         self.gate = EstimateGate(settings.estimate)
@@ -131,16 +154,22 @@ class Compensator:
         Raises a ManipulatorError if the head follows no goal.
         """
         if self.newest is None:
-            raise ManipulatorError('hold rejected: the head follows no goal; next: send a goal')
+            raise ManipulatorError(
+                'hold rejected: the head follows no goal; next: send a goal'
+            )
         self.goal = self._planned_goal = self._reference.stop(
-            max(self.newest.time, now + self.settings.horizon) + self.following.lag)
+            max(self.newest.time, now + self.settings.horizon) + self.following.lag
+        )
         return self.goal
 
     def goal_error(self, now: float) -> Pose | None:
         """Return the goal minus the head on the wall [m, m, rad]; None if either is unknown."""
         newest, correction = self.following.newest(now), self.correction
-        if newest is None or self.goal is None or (
-                correction.is_silent(now) or not all(correction.known)):
+        if (
+            newest is None
+            or self.goal is None
+            or (correction.is_silent(now) or not all(correction.known))
+        ):
             return None
         stamp, head = newest
         on_wall = compose(correction.disturbance(stamp), head)
@@ -148,10 +177,19 @@ class Compensator:
 
     def path_time(self, now: float) -> float:
         """Return the remaining time of the path to the goal [s]; infinite before it is planned."""
-        return self._reference.arrival() - now if self.goal == self._planned_goal else math.inf
+        return (
+            self._reference.arrival() - now
+            if self.goal == self._planned_goal
+            else math.inf
+        )
 
     def add_estimate(
-        self, now: float, stamp: float, pose: Pose, variances: Sequence[float], tilt: float = 0.0
+        self,
+        now: float,
+        stamp: float,
+        pose: Pose,
+        variances: Sequence[float],
+        tilt: float = 0.0,
     ) -> None:
         """
         Learn from an estimate of the disturbance, with the arguments of `EstimateGate.check`.
@@ -169,7 +207,8 @@ class Compensator:
         """
         time = now + self.settings.horizon
         if self.newest is not None and (
-                not -LONGEST_INTERVAL <= time - self.newest.time <= LONGEST_PAUSE):
+            not -LONGEST_INTERVAL <= time - self.newest.time <= LONGEST_PAUSE
+        ):
             self.newest = None  # the clock was set: begin again
         reach_time = time + self.following.lag
         disturbance = self.correction.at(now, reach_time).position
@@ -183,11 +222,15 @@ class Compensator:
         reference = self._reference.at(reach_time).position
         shifted = self._shift(now, time, reference, disturbance, self.goal)
         pose, error = self._workspace.saturate(
-            relative(disturbance, shifted), math.tan(disturbance.theta))
+            relative(disturbance, shifted), math.tan(disturbance.theta)
+        )
         self.following.publish(time, pose)
         self.held_back.note(
-            now, error, Pose(*(float(not known) for known in self.correction.known)))
-        self.newest = CorrectedPose(time, reach_time, pose, reference, disturbance, error)
+            now, error, Pose(*(float(not known) for known in self.correction.known))
+        )
+        self.newest = CorrectedPose(
+            time, reach_time, pose, reference, disturbance, error
+        )
         return self.newest
 
     def _shift(
@@ -203,10 +246,19 @@ class Compensator:
             silence = mode.value
         elif not all(self.correction.known[1:]):
             silence = 'the estimate of y or theta is too uncertain'
-        return self.contact.shift(now, time, interval, reference, Surroundings(
-            saturation_error, disturbance.y, silence, reference.y - goal.y))
+        return self.contact.shift(
+            now,
+            time,
+            interval,
+            reference,
+            Surroundings(
+                saturation_error, disturbance.y, silence, reference.y - goal.y
+            ),
+        )
 
-    def _initialise(self, now: float, reach_time: float, disturbance: Pose, goal: Pose) -> None:
+    def _initialise(
+        self, now: float, reach_time: float, disturbance: Pose, goal: Pose
+    ) -> None:
         """Start the path at the head, or at the goal if the head's pose is unknown."""
         self.following.begin(now)
         self.initialisations += 1

@@ -37,13 +37,17 @@ OLDEST_WRENCH = 0.2  # s: an older wrench is not used
 OLDEST_OFFSET = 0.3  # s: an older lateral offset is not used
 NOISE = 0.5  # N, standard deviation of usual force sensors
 TOUCH = 3.0 * NOISE  # N: a larger force is a touch
-SIGNIFICANT = 6.0 * NOISE  # N: noise, steps and dead band of a working sensor are smaller
+SIGNIFICANT = (
+    6.0 * NOISE
+)  # N: noise, steps and dead band of a working sensor are smaller
 
 # Law
 FILTER_TIME = 0.01  # s, low-pass of force and offset alike
 TIME_CONSTANT = 1.7  # τ / T
 DELAYS = (0.02, 0.5)  # s, minimum and maximum of T
-LEAST_STIFFNESS = 600.0  # N/m: with less, a damping of the brush of 25 N s/m makes the law ring
+LEAST_STIFFNESS = (
+    600.0  # N/m: with less, a damping of the brush of 25 N s/m makes the law ring
+)
 TRACKING_BANDWIDTH = 8.0  # rad/s, of the wall's distance at 5 N/mm; noise is F/k̂
 TRACKING_STIFFNESS = 5000.0  # N/m
 TRACKING_BOUND = 0.002  # m, of the change of the law's offset: 3 σ of the prediction
@@ -54,14 +58,23 @@ FRICTION = 0.3  # coefficient of friction of brushes on a wall
 YAW_RANGE = 0.12  # rad
 
 # Faults
-MOST_FORCE, LEAST_EXCESS = 2.0, 15.0  # limit: multiple of the desired force; minimum excess [N]
-CHATTER_TIME, CHATTER_MEMORY = 0.1, 0.4  # s, period faster than the loop; averaging time
+MOST_FORCE, LEAST_EXCESS = (
+    2.0,
+    15.0,
+)  # limit: multiple of the desired force; minimum excess [N]
+CHATTER_TIME, CHATTER_MEMORY = (
+    0.1,
+    0.4,
+)  # s, period faster than the loop; averaging time
 CHATTER_SHARE = 0.2  # of the desired force, RMS
 LOST_AFTER = 1.0  # s without touch, after which the head approaches the wall again
 ZERO_TIME, MOST_ZERO = 0.2, 10.0  # s, low-pass of the sensor's zero; N, its maximum
 ZERO_WAIT = 1.0  # s, off the wall until the zero is known
 NEAR_GOAL = 0.005  # m: maximum distance of the path past its goal
-LEAST_BOUND, BOUND_SHARE = 2.0, 0.1  # N; share of the desired force: bounds of a held force
+LEAST_BOUND, BOUND_SHARE = (
+    2.0,
+    0.1,
+)  # N; share of the desired force: bounds of a held force
 
 # Lateral regulator
 LATERAL_GAIN = 1.5  # 1/s, integral gain: the measurement is late
@@ -72,35 +85,73 @@ LATERAL_SPEED, LATERAL_RANGE = 0.05, 0.1  # m/s, m, maximum speed and range of t
 class ContactSettings:
     """Force on the wall, and the brush between head and wall."""
 
-    enabled: bool = parameter('Whether the head presses on the wall', default=False, live=True)
+    enabled: bool = parameter(
+        'Whether the head presses on the wall', default=False, live=True
+    )
     force: float = parameter(
-        'Desired force on the wall', default=30.0, unit='N', minimum=0.1, maximum=1000.0,
-        live=True)
+        'Desired force on the wall',
+        default=30.0,
+        unit='N',
+        minimum=0.1,
+        maximum=1000.0,
+        live=True,
+    )
     stiffness: float = parameter(
-        'Stiffness of the brush, 600 N/m for a softer brush', default=600.0, unit='N/m',
-        minimum=LEAST_STIFFNESS, maximum=1e6)
+        'Stiffness of the brush, 600 N/m for a softer brush',
+        default=600.0,
+        unit='N/m',
+        minimum=LEAST_STIFFNESS,
+        maximum=1e6,
+    )
     ramp_time: float = parameter(
-        'Time in which the force rises from a tenth to its desired value', default=8.0, unit='s',
-        minimum=0.5, maximum=120.0)
+        'Time in which the force rises from a tenth to its desired value',
+        default=8.0,
+        unit='s',
+        minimum=0.5,
+        maximum=120.0,
+    )
     retreat: float = parameter(
-        'Distance of the waiting head before the goal', default=0.05, unit='m',
-        minimum=0.0, maximum=0.5)
+        'Distance of the waiting head before the goal',
+        default=0.05,
+        unit='m',
+        minimum=0.0,
+        maximum=0.5,
+    )
     range: float = parameter(
-        'Maximum offset from the goal', default=0.08, unit='m', minimum=1e-4, maximum=0.5)
+        'Maximum offset from the goal',
+        default=0.08,
+        unit='m',
+        minimum=1e-4,
+        maximum=0.5,
+    )
     yaw_enabled: bool = parameter(
-        'Whether the yaw of the head yields to the moment of the wall', default=False, live=True)
+        'Whether the yaw of the head yields to the moment of the wall',
+        default=False,
+        live=True,
+    )
     brush_width: float = parameter(
-        'Width of the brush along the wall', default=0.3, unit='m', minimum=0.01, maximum=5.0)
+        'Width of the brush along the wall',
+        default=0.3,
+        unit='m',
+        minimum=0.01,
+        maximum=5.0,
+    )
     brush_depth: float = parameter(
-        'Distance of the wall from the head: lever of the friction', default=0.05, unit='m',
-        minimum=0.0, maximum=1.0)
+        'Distance of the wall from the head: lever of the friction',
+        default=0.05,
+        unit='m',
+        minimum=0.0,
+        maximum=1.0,
+    )
 
 
 @settings
 class LateralSettings:
     """Settings of the lateral regulator."""
 
-    enabled: bool = parameter('Whether lateral_offset is regulated', default=False, live=True)
+    enabled: bool = parameter(
+        'Whether lateral_offset is regulated', default=False, live=True
+    )
 
 
 class PressMode(enum.Enum):
@@ -119,7 +170,9 @@ IN_CONTACT = (PressMode.RAISING, PressMode.HOLDING)
 class Surroundings(NamedTuple):
     """Inputs of the contact in addition to its measurements."""
 
-    saturation_error: Pose = ZERO_POSE  #: part removed at the workspace limit [m, m, rad]
+    saturation_error: Pose = (
+        ZERO_POSE  #: part removed at the workspace limit [m, m, rad]
+    )
     rail_y: float = 0.0  #: disturbance in y that is corrected [m]
     silence: str = ''  #: reason why a disturbance that should be corrected is not
     beyond: float = 0.0  #: distance of the path past its goal, towards the wall [m]
@@ -131,7 +184,9 @@ class ForceLaw:
     def __init__(self) -> None:
         self.offset = 0.0  #: last decided offset [m or rad]
         self.force = 0.0  #: force on the wall, low-pass [N or N m]
-        self.offset_then = 0.0  #: offset when the force was measured, low-pass [m or rad]
+        self.offset_then = (
+            0.0  #: offset when the force was measured, low-pass [m or rad]
+        )
         self._stamp = -math.inf
         self._offsets: TimedBuffer[float] = TimedBuffer()
 
@@ -195,13 +250,20 @@ class WallTracker:
         if not 0.0 < interval < OLDEST_WRENCH:
             self._distance, self._velocity, self._acceleration = measured, 0.0, 0.0
             return
-        gain = interval * TRACKING_BANDWIDTH * (stiffness / TRACKING_STIFFNESS) ** (1.0 / 3.0)
+        gain = (
+            interval
+            * TRACKING_BANDWIDTH
+            * (stiffness / TRACKING_STIFFNESS) ** (1.0 / 3.0)
+        )
         expected = self._distance + interval * (
-            self._velocity + 0.5 * interval * self._acceleration)
+            self._velocity + 0.5 * interval * self._acceleration
+        )
         error = measured - expected
         self._distance = expected + 2.0 * gain * error
-        self._velocity += interval * self._acceleration + 2.0 * gain ** 2 * error / interval
-        self._acceleration += gain ** 3 * error / interval ** 2
+        self._velocity += (
+            interval * self._acceleration + 2.0 * gain**2 * error / interval
+        )
+        self._acceleration += gain**3 * error / interval**2
 
     def distance(self, time: float) -> float:
         """Return the expected distance of the wall [m] at a time [s]."""
@@ -222,7 +284,9 @@ class ForceMonitor:
         """Forget previous faults before a new approach to the wall."""
         self._variance, self._answered = 0.0, self._demanded
 
-    def add(self, stamp: float, force: float, demanded: float, is_repeated: bool) -> None:
+    def add(
+        self, stamp: float, force: float, demanded: float, is_repeated: bool
+    ) -> None:
         """
         Record a force [N] measured at a stamp [s].
 
@@ -232,7 +296,9 @@ class ForceMonitor:
         self.stamp, self.force = stamp, force
         self.mean += _share(interval, CHATTER_TIME) * (force - self.mean)
         rise = max(force - self.mean, 0.0)  # a loss of contact is not chatter
-        self._variance += _share(interval, CHATTER_MEMORY) * (2.0 * rise ** 2 - self._variance)
+        self._variance += _share(interval, CHATTER_MEMORY) * (
+            2.0 * rise**2 - self._variance
+        )
         self._demanded = demanded
         if not is_repeated:
             self._answered = demanded
@@ -241,19 +307,30 @@ class ForceMonitor:
         """Return the fault of the contact for a final desired force [N]; empty without a fault."""
         limit = max(MOST_FORCE * desired, desired + LEAST_EXCESS)
         if self.force > limit:
-            return (f'force on the wall = {self.force:.1f} N is above {limit:.1f} N; '
-                    'next: use a softer brush')
+            return (
+                f'force on the wall = {self.force:.1f} N is above {limit:.1f} N; '
+                'next: use a softer brush'
+            )
         unanswered = abs(self._demanded - self._answered)
         if unanswered > SIGNIFICANT:
-            return (f'contact_wrench is frozen at {self.force:.1f} N while the demanded force '
-                    f'changes by {unanswered:.1f} N; next: check the force sensor')
-        chatter, bound = math.sqrt(self._variance), max(SIGNIFICANT, CHATTER_SHARE * desired)
+            return (
+                f'contact_wrench is frozen at {self.force:.1f} N while the demanded force '
+                f'changes by {unanswered:.1f} N; next: check the force sensor'
+            )
+        chatter, bound = (
+            math.sqrt(self._variance),
+            max(SIGNIFICANT, CHATTER_SHARE * desired),
+        )
         if chatter > bound:
-            return (f'the force chatters by {chatter:.1f} N RMS, bound {bound:.1f} N; '
-                    'next: increase contact.stiffness or use a softer brush')
+            return (
+                f'the force chatters by {chatter:.1f} N RMS, bound {bound:.1f} N; '
+                'next: increase contact.stiffness or use a softer brush'
+            )
         if self.mean < -SIGNIFICANT:
-            return (f'the wall pulls with {-self.mean:.1f} N; '
-                    'next: check sign and zero of contact_wrench')
+            return (
+                f'the wall pulls with {-self.mean:.1f} N; '
+                'next: check sign and zero of contact_wrench'
+            )
         return ''
 
 
@@ -270,7 +347,9 @@ class Pressing:
         self.settings = settings
         self.y, self.theta = ForceLaw(), ForceLaw()
         self._tracker = WallTracker()
-        self._offset = self._change = 0.0  # of the law in y, and its change by the tracker [m]
+        self._offset = self._change = (
+            0.0  # of the law in y, and its change by the tracker [m]
+        )
         self.monitor = ForceMonitor()
         self.mode = PressMode.OFF
         #: reason of the present wait off the wall, reason of the last retreat; empty for no reason
@@ -299,7 +378,9 @@ class Pressing:
     def is_held(self) -> bool:
         """Return whether the force is held, or no force is desired."""
         return not self.settings.enabled or (
-            self.mode is PressMode.HOLDING and abs(self.monitor.mean - self.desired) <= self.bound)
+            self.mode is PressMode.HOLDING
+            and abs(self.monitor.mean - self.desired) <= self.bound
+        )
 
     def add_measurement(
         self, stamp: float, force: float, moment: float, is_repeated: bool
@@ -319,12 +400,18 @@ class Pressing:
         self.y.add_measurement(stamp, force)
         self._tracker.add_measurement(stamp, force, self.settings.stiffness)
         self.theta.add_measurement(stamp, self.moment)
-        self.monitor.add(stamp, force, self.settings.stiffness * self.y.offset_then, is_repeated)
+        self.monitor.add(
+            stamp, force, self.settings.stiffness * self.y.offset_then, is_repeated
+        )
 
-    def step(self, now: float, time: float, interval: float, around: Surroundings) -> None:
+    def step(
+        self, now: float, time: float, interval: float, around: Surroundings
+    ) -> None:
         """Move the offsets over an interval [s] to a later time [s]."""
         is_fresh = -FUTURE_TOLERANCE <= now - self.monitor.stamp <= OLDEST_WRENCH
-        silence = around.silence if is_fresh else f'no contact_wrench for {OLDEST_WRENCH:g} s'
+        silence = (
+            around.silence if is_fresh else f'no contact_wrench for {OLDEST_WRENCH:g} s'
+        )
         if not self.settings.enabled:
             self._enter(PressMode.OFF)
             self._is_latched, self.reason, self._free_from = False, '', math.inf
@@ -340,8 +427,11 @@ class Pressing:
             self._follow_touch(interval)
         self._move_y(time, interval, around, is_fresh)
         self._move_theta(time, interval, around.saturation_error.theta, is_fresh)
-        is_free = (self.mode is PressMode.RETRACTED and around.beyond <= NEAR_GOAL
-                   and self.y.offset <= -self.settings.retreat)
+        is_free = (
+            self.mode is PressMode.RETRACTED
+            and around.beyond <= NEAR_GOAL
+            and self.y.offset <= -self.settings.retreat
+        )
         self._free_from = min(self._free_from, time) if is_free else math.inf
 
     def _retract(self, reason: str, is_latched: bool = False) -> None:
@@ -365,13 +455,20 @@ class Pressing:
         """Return why the zero of the sensor cannot be used; empty if it can."""
         if now < self._free_from + ZERO_WAIT:
             return 'the zero of contact_wrench is being measured away from the wall'
-        return '' if abs(self.zero) <= MOST_ZERO else (
-            f'zero of the force = {self.zero:.1f} N is beyond {MOST_ZERO:g} N; '
-                'next: tare the sensor')
+        return (
+            ''
+            if abs(self.zero) <= MOST_ZERO
+            else (
+                f'zero of the force = {self.zero:.1f} N is beyond {MOST_ZERO:g} N; '
+                'next: tare the sensor'
+            )
+        )
 
     def _follow_touch(self, interval: float) -> None:
         """Raise the force after a touch; approach the wall again after a loss of touch."""
-        is_touching = self.y.force > min(TOUCH, 0.5 * (self.desired or self.settings.force))
+        is_touching = self.y.force > min(
+            TOUCH, 0.5 * (self.desired or self.settings.force)
+        )
         self._untouched = 0.0 if is_touching else self._untouched + interval
         if self.mode is PressMode.SEARCHING and is_touching:
             self._enter(PressMode.RAISING)
@@ -393,14 +490,18 @@ class Pressing:
         velocity = self.y.velocity(self.desired, self.settings.stiffness, time)
         return min(max(velocity, -SPEED), SPEED)
 
-    def _move_y(self, time: float, interval: float, around: Surroundings, is_fresh: bool) -> None:
+    def _move_y(
+        self, time: float, interval: float, around: Surroundings, is_fresh: bool
+    ) -> None:
         settings, before = self.settings, self._offset
         if self.mode in (PressMode.OFF, PressMode.RETRACTED):
             target = min(before, -settings.retreat) if settings.enabled else 0.0
             moved = _towards(before, target, SPEED * interval)
         else:
             moved = before + interval * self._velocity(time, is_fresh)
-            moved = min(max(moved, -max(settings.retreat, settings.range)), settings.range)
+            moved = min(
+                max(moved, -max(settings.retreat, settings.range)), settings.range
+            )
         # At the workspace limit the offset moves only back inside: no wind-up.
         if around.saturation_error.y * (moved - before) <= 0.0:
             self._offset = moved
@@ -420,7 +521,7 @@ class Pressing:
         limit = YAW_SPEED * interval
         moved = _towards(before, 0.0, limit)
         if settings.yaw_enabled and is_fresh and self.mode in IN_CONTACT:
-            stiffness = 0.25 * self.settings.stiffness * settings.brush_width ** 2
+            stiffness = 0.25 * self.settings.stiffness * settings.brush_width**2
             dead_band = FRICTION * settings.force * settings.brush_depth
             change = interval * self.theta.velocity(0.0, stiffness, time, dead_band)
             wanted = min(max(before + change, -YAW_RANGE), YAW_RANGE)
@@ -445,7 +546,9 @@ class Contact:
     def __init__(self, press: ContactSettings, lateral: LateralSettings) -> None:
         self.pressing = Pressing(press)
         self.lateral = lateral
-        self.yaw = 0.0  #: yaw of the head on the wall [rad], which turns measured forces
+        self.yaw = (
+            0.0  #: yaw of the head on the wall [rad], which turns measured forces
+        )
         self._shift = 0.0  # along the wall [m]
         self._lateral_offset = -math.inf, 0.0  # s, m
         self._stamps: dict[str, float] = {}
@@ -477,7 +580,12 @@ class Contact:
         self._lateral_offset = stamp, offset
 
     def shift(
-        self, now: float, time: float, interval: float, reference: Pose, around: Surroundings
+        self,
+        now: float,
+        time: float,
+        interval: float,
+        reference: Pose,
+        around: Surroundings,
     ) -> Pose:
         """
         Return the reference with the shift of the contact [m, m, rad].
@@ -489,14 +597,21 @@ class Contact:
             limit = LATERAL_SPEED * interval
             step = min(max(LATERAL_GAIN * interval * offset, -limit), limit)
             if around.saturation_error.x * step <= 0.0:
-                self._shift = min(max(self._shift + step, -LATERAL_RANGE), LATERAL_RANGE)
+                self._shift = min(
+                    max(self._shift + step, -LATERAL_RANGE), LATERAL_RANGE
+                )
         self.pressing.step(now, time, interval, around)
         shifted = add(reference, self.present)
         self.yaw = shifted.theta
         return shifted
 
     def _check(
-        self, quantity: str, now: float, stamp: float, oldest: float, values: Iterable[float]
+        self,
+        quantity: str,
+        now: float,
+        stamp: float,
+        oldest: float,
+        values: Iterable[float],
     ) -> None:
         for value in values:
             if not math.isfinite(value):

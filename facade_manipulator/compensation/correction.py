@@ -13,7 +13,12 @@ import math
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import add, compose, invert, Pose, Twist
-from facade_manipulator.kinematics.planar import MotionState, ZERO_POSE, ZERO_STATE, ZERO_TWIST
+from facade_manipulator.kinematics.planar import (
+    MotionState,
+    ZERO_POSE,
+    ZERO_STATE,
+    ZERO_TWIST,
+)
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate, MIN_INTERVAL
 from facade_manipulator.prediction.predictor import DisturbancePredictor
@@ -23,11 +28,17 @@ ROUNDING = 1e-6  # s
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
 DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
 LONGEST_PAUSE = 0.5  # s, a longer pause means that the clock was set
-LONGEST_BRAKING = 0.25  # s, time constant of a velocity that ends: 1.6 m/s² from 0.2 m/s
+LONGEST_BRAKING = (
+    0.25  # s, time constant of a velocity that ends: 1.6 m/s² from 0.2 m/s
+)
 SETTLING_TIME = 0.5  # s, minimum duration of estimates before the correction fades in
 NONE_KNOWN = (False, False, False)
-NO_SHARE = MotionState(Pose(-1.0, -1.0, -1.0), ZERO_TWIST)  # a share of 0 minus a share of 1
-SMOOTHING = 0.03  # s, time constant of a change by a new estimate: an estimator at 30 Hz
+NO_SHARE = MotionState(
+    Pose(-1.0, -1.0, -1.0), ZERO_TWIST
+)  # a share of 0 minus a share of 1
+SMOOTHING = (
+    0.03  # s, time constant of a change by a new estimate: an estimator at 30 Hz
+)
 
 
 @settings
@@ -35,10 +46,16 @@ class CorrectionSettings:
     """Settings of the correction: its state at start and its fade time."""
 
     enabled: bool = parameter(
-        'Whether the correction is enabled at start; later it is compensator/enable', default=True)
+        'Whether the correction is enabled at start; later it is compensator/enable',
+        default=True,
+    )
     fade_time: float = parameter(
-        'Time in which the correction fades in or out', default=3.0, unit='s', minimum=0.1,
-        maximum=60.0)
+        'Time in which the correction fades in or out',
+        default=3.0,
+        unit='s',
+        minimum=0.1,
+        maximum=60.0,
+    )
 
 
 class CorrectionMode(enum.Enum):
@@ -91,9 +108,14 @@ class Remainder:
         """Add a jump at a time [s]: the old trajectory minus the new trajectory."""
         left, constant = self.at(time), self._constant
         self._position = add(left.position, jump.position)
-        self._slope = Twist(*[
-            v + dv + p / constant for v, dv, p in zip(
-                left.velocity, jump.velocity, self._position, strict=True)])
+        self._slope = Twist(
+            *[
+                v + dv + p / constant
+                for v, dv, p in zip(
+                    left.velocity, jump.velocity, self._position, strict=True
+                )
+            ]
+        )
         self._start, self._end = time, time + DEAD_AFTER * constant
 
     def at(self, time: float) -> MotionState:
@@ -103,11 +125,19 @@ class Remainder:
         t, constant = max(time - self._start, 0.0), self._constant
         decay = math.exp(-t / constant)
         (x, y, theta), (vx, vy, omega) = self._position, self._slope
-        x, y, theta = x + vx * t, y + vy * t, theta + omega * t  # loops would take twice as long
+        x, y, theta = (
+            x + vx * t,
+            y + vy * t,
+            theta + omega * t,
+        )  # loops would take twice as long
         return MotionState(
             Pose(decay * x, decay * y, decay * theta),
-            Twist(decay * (vx - x / constant), decay * (vy - y / constant),
-                  decay * (omega - theta / constant)))
+            Twist(
+                decay * (vx - x / constant),
+                decay * (vy - y / constant),
+                decay * (omega - theta / constant),
+            ),
+        )
 
 
 class Correction:
@@ -117,20 +147,31 @@ class Correction:
         self.settings = settings
         self.predictor = DisturbancePredictor()
         self.enabled = settings.enabled
-        self.mode = CorrectionMode.NO_ESTIMATE if settings.enabled else CorrectionMode.DISABLED
+        self.mode = (
+            CorrectionMode.NO_ESTIMATE if settings.enabled else CorrectionMode.DISABLED
+        )
         #: tare offset: pose of the rail that counts as zero
         self.nominal = ZERO_POSE
         #: mask of the compensated axes x, y, theta: the axes with a valid estimate
         self.known = ALL_KNOWN
-        self._found = [-math.inf] * len(self.known)  # time at which each axis became known [s]
+        self._found = [-math.inf] * len(
+            self.known
+        )  # time at which each axis became known [s]
         self._time: float | None = None
         self._state = ZERO_STATE  # at that time; later states continue it
         constant = settings.fade_time / DECAYS
-        self._smooth = Remainder(SMOOTHING)  # changes of the prediction by each new estimate
-        self._missing = Remainder(constant)  # of each axis's share of the correction, minus 1
+        self._smooth = Remainder(
+            SMOOTHING
+        )  # changes of the prediction by each new estimate
+        self._missing = Remainder(
+            constant
+        )  # of each axis's share of the correction, minus 1
         # Position and velocity of other changes. The velocity decays sooner, because in a long
         # fade it would move the correction far away.
-        self._fade, self._brake = Remainder(constant), Remainder(min(constant, LONGEST_BRAKING))
+        self._fade, self._brake = (
+            Remainder(constant),
+            Remainder(min(constant, LONGEST_BRAKING)),
+        )
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Learn from a checked estimate, unless it is within 15 ms of the last learnt estimate."""
@@ -151,8 +192,15 @@ class Correction:
     def _note_known(self, estimate: Estimate) -> None:
         """Fade an axis out when it becomes unknown, and in when its estimate has settled."""
         self._found = [
-            (math.inf if not known else since if since <= estimate.stamp else estimate.stamp)
-            for known, since in zip(estimate.known, self._found, strict=True)]
+            (
+                math.inf
+                if not known
+                else since
+                if since <= estimate.stamp
+                else estimate.stamp
+            )
+            for known, since in zip(estimate.known, self._found, strict=True)
+        ]
         known = tuple(estimate.stamp - since >= SETTLING_TIME for since in self._found)
         if known != self.known:
             self._change(known=known)
@@ -164,9 +212,16 @@ class Correction:
         Raises a ManipulatorError if there is no fresh estimate.
         """
         if self.age(now) > SILENCE:
-            newest = 'no estimate was received yet' if not self._has_estimates else (
-                f'the newest estimate is {self.age(now):.1f} s old, bound {SILENCE:g} s')
-            raise ManipulatorError(f'tare rejected: {newest}; next: check the estimator')
+            newest = (
+                'no estimate was received yet'
+                if not self._has_estimates
+                else (
+                    f'the newest estimate is {self.age(now):.1f} s old, bound {SILENCE:g} s'
+                )
+            )
+            raise ManipulatorError(
+                f'tare rejected: {newest}; next: check the estimator'
+            )
         nominal = self.predictor.predict(now).position
         self._change(nominal=nominal)
         return nominal
@@ -215,7 +270,9 @@ class Correction:
         return CorrectionMode.ACTIVE
 
     def _change(
-        self, mode: CorrectionMode | None = None, nominal: Pose | None = None,
+        self,
+        mode: CorrectionMode | None = None,
+        nominal: Pose | None = None,
         known: tuple[bool, ...] | None = None,
     ) -> None:
         """Change the target trajectory, with a fade from the present correction."""
@@ -224,7 +281,10 @@ class Correction:
         self.known = known or self.known
         if self._time is None:
             return
-        begun = [now and not then for now, then in zip(self._corrected, corrected, strict=True)]
+        begun = [
+            now and not then
+            for now, then in zip(self._corrected, corrected, strict=True)
+        ]
         if any(begun):
             left = self._missing.at(self._time)
             self._missing.add(self._time, _along(begun, NO_SHARE.minus(left)))
@@ -270,9 +330,22 @@ class Correction:
             return smooth
         shares = [1.0 + share for share in missing.position]
         return MotionState(
-            Pose(*[share * p for share, p in zip(shares, smooth.position, strict=True)]),
-            Twist(*[share * v + rise * p for share, v, rise, p in zip(
-                shares, smooth.velocity, missing.velocity, smooth.position, strict=True)]))
+            Pose(
+                *[share * p for share, p in zip(shares, smooth.position, strict=True)]
+            ),
+            Twist(
+                *[
+                    share * v + rise * p
+                    for share, v, rise, p in zip(
+                        shares,
+                        smooth.velocity,
+                        missing.velocity,
+                        smooth.position,
+                        strict=True,
+                    )
+                ]
+            ),
+        )
 
     def disturbance(self, time: float) -> Pose:
         """Return the pose of the rail [m, m, rad] at a time [s]; zero before any estimate."""
@@ -294,6 +367,11 @@ def _along(known: Sequence[bool], motion: MotionState) -> MotionState:
     """Return a motion that is zero along unknown axes."""
     if all(known):
         return motion
-    position, velocity = (tuple(value if is_known else 0.0 for is_known, value in zip(
-        known, values, strict=True)) for values in motion)
+    position, velocity = (
+        tuple(
+            value if is_known else 0.0
+            for is_known, value in zip(known, values, strict=True)
+        )
+        for values in motion
+    )
     return MotionState(Pose(*position), Twist(*velocity))

@@ -11,11 +11,16 @@ from facade_manipulator.kinematics import difference, MotionState, Pose, Twist
 from facade_manipulator.motion.timed_buffer import KEPT_TIME, TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
-LARGEST_ERROR, LARGEST_YAW_ERROR = 0.02, 0.035  # m, rad: maximum error of a following head
+LARGEST_ERROR, LARGEST_YAW_ERROR = (
+    0.02,
+    0.035,
+)  # m, rad: maximum error of a following head
 PATIENCE = 0.5  # s of not following, after which the path begins again at the head
 ARM = 0.35  # m, weight of yaw against displacement
 LEAST_SPEED = 0.02  # m/s for one second; with less motion, noise hides the lag
-LAG_MEMORY = 10.0  # s, time constant with which the lag is measured: drives change it slowly
+LAG_MEMORY = (
+    10.0  # s, time constant with which the lag is measured: drives change it slowly
+)
 GREATEST_LAG = 0.05  # s, maximum that is compensated: a larger one is a fault
 HOLDS = ('at the workspace limit', 'by an uncertain estimate')
 LEAST_ERROR = 1e-4  # m or rad, minimum error of an axis that counts as held back
@@ -59,7 +64,8 @@ class Following:
             return
         error = difference(planned.position, head)
         if math.hypot(error.x, error.y) < LARGEST_ERROR and (
-                abs(error.theta) < LARGEST_YAW_ERROR):
+            abs(error.theta) < LARGEST_YAW_ERROR
+        ):
             self._followed_at = stamp
             self._measure_lag(interval, error, planned.velocity)
 
@@ -80,11 +86,13 @@ class Following:
         fade = math.exp(-interval / LAG_MEMORY)
         turn = ARM * ARM * velocity.theta
         self._delay = fade * self._delay + interval * (
-            error.x * velocity.x + error.y * velocity.y + error.theta * turn)
+            error.x * velocity.x + error.y * velocity.y + error.theta * turn
+        )
         self._power = fade * self._power + interval * (
-            velocity.x ** 2 + velocity.y ** 2 + velocity.theta * turn)
+            velocity.x**2 + velocity.y**2 + velocity.theta * turn
+        )
         self.lag = 0.0
-        if self._power >= LEAST_SPEED ** 2:
+        if self._power >= LEAST_SPEED**2:
             self.lag = min(max(self._delay / self._power, -GREATEST_LAG), GREATEST_LAG)
 
 
@@ -97,7 +105,8 @@ def _motion(poses: TimedBuffer[Pose], stamp: float) -> MotionState | None:
     share, change = (stamp - begin) / (end - begin), difference(second, first)
     return MotionState(
         Pose(*(a + share * d for a, d in zip(first, change, strict=True))),
-        Twist(*(d / (end - begin) for d in change)))
+        Twist(*(d / (end - begin) for d in change)),
+    )
 
 
 class HeldBack:
@@ -115,12 +124,20 @@ class HeldBack:
 
     def message(self, now: float) -> str:
         """Return the held axes and their limits as a message, empty if no axis is held."""
-        self._noted = {held: then for held, then in self._noted.items()
-                       if 0.0 <= now - then < SHOWN_FOR}  # a future stamp: the clock was set back
-        axes = {limit: [axis for axis in Pose._fields if (limit, axis) in self._noted]
-                for limit in HOLDS}
+        self._noted = {
+            held: then
+            for held, then in self._noted.items()
+            if 0.0 <= now - then < SHOWN_FOR
+        }  # a future stamp: the clock was set back
+        axes = {
+            limit: [axis for axis in Pose._fields if (limit, axis) in self._noted]
+            for limit in HOLDS
+        }
         return '; '.join(
-            f'held back in {", ".join(held)} {limit}' for limit, held in axes.items() if held)
+            f'held back in {", ".join(held)} {limit}'
+            for limit, held in axes.items()
+            if held
+        )
 
 
 @settings
@@ -128,14 +145,29 @@ class ArrivalSettings:
     """Settings of arrival: required distance of the head from its goal, and required duration."""
 
     distance: float = parameter(
-        'Distance on the wall within which a goal is reached', default=0.005, unit='m',
-        minimum=1e-4, maximum=0.1, live=True)
+        'Distance on the wall within which a goal is reached',
+        default=0.005,
+        unit='m',
+        minimum=1e-4,
+        maximum=0.1,
+        live=True,
+    )
     angle: float = parameter(
-        'Angle within which a goal is reached', default=0.01, unit='rad', minimum=1e-4,
-        maximum=0.5, live=True)
+        'Angle within which a goal is reached',
+        default=0.01,
+        unit='rad',
+        minimum=1e-4,
+        maximum=0.5,
+        live=True,
+    )
     dwell: float = parameter(
-        'Dwell time within both tolerances', default=0.2, unit='s', minimum=0.0, maximum=10.0,
-        live=True)
+        'Dwell time within both tolerances',
+        default=0.2,
+        unit='s',
+        minimum=0.0,
+        maximum=10.0,
+        live=True,
+    )
 
 
 class GoalState(Enum):
@@ -172,7 +204,11 @@ class ArrivalWatch:
         self._near_since, self._is_reached = math.inf, False
 
     def update(
-        self, now: float, error: Pose | None, path_time: float, is_held_back: bool,
+        self,
+        now: float,
+        error: Pose | None,
+        path_time: float,
+        is_held_back: bool,
         is_pressed: bool = True,
     ) -> GoalProgress:
         """
@@ -194,9 +230,12 @@ class ArrivalWatch:
             return GoalProgress(GoalState.REACHED, distance, angle, 0.0)
         state = GoalState.HELD_BACK if is_held_back else GoalState.MOVING
         return GoalProgress(
-            state, distance, angle, max(path_time, 0.0) + self.settings.dwell - dwelt)
+            state, distance, angle, max(path_time, 0.0) + self.settings.dwell - dwelt
+        )
 
     def _is_near(self, distance: float, angle: float) -> bool:
         factor = LEAVING if self._is_reached else 1.0
         settings = self.settings
-        return distance <= factor * settings.distance and angle <= factor * settings.angle
+        return (
+            distance <= factor * settings.distance and angle <= factor * settings.angle
+        )

@@ -12,7 +12,11 @@ from typing import Any
 
 from facade_manipulator.compensation.compensator import Compensator
 from facade_manipulator.compensation.contact import Pressing
-from facade_manipulator.compensation.correction import Correction, CorrectionMode, SILENCE
+from facade_manipulator.compensation.correction import (
+    Correction,
+    CorrectionMode,
+    SILENCE,
+)
 from facade_manipulator.compensation.following import (
     ArrivalSettings,
     ArrivalWatch,
@@ -23,12 +27,20 @@ from facade_manipulator.kinematics.planar import millimetres, POSE_AXES
 
 Component = tuple[str, str, str, dict[str, Any]]
 GOAL_PERIOD = 0.2  # s, period of goal_status while the head moves
-ARRIVAL_TIME = 1.0  # s after its path, in which the head reaches a goal if nothing holds it back
+ARRIVAL_TIME = (
+    1.0  # s after its path, in which the head reaches a goal if nothing holds it back
+)
 UNCORRECTED = (CorrectionMode.DISABLED, CorrectionMode.NO_ESTIMATE)
-GOAL_LEVELS = {GoalState.HELD_BACK: 'warn', GoalState.ENDED: 'warn', GoalState.REJECTED: 'error'}
+GOAL_LEVELS = {
+    GoalState.HELD_BACK: 'warn',
+    GoalState.ENDED: 'warn',
+    GoalState.REJECTED: 'error',
+}
 
 
-def correction_outcome(compensator: Compensator, now: float, fault: str) -> tuple[str, str]:
+def correction_outcome(
+    compensator: Compensator, now: float, fault: str
+) -> tuple[str, str]:
     """Return level and message at a time [s]; `fault` is the fault of the inputs."""
     mode = compensator.correction.mode
     addition = fault or compensator.held_back.message(now)
@@ -52,14 +64,18 @@ def correction_component(
     }
     if any(left_out):
         values['left out of the estimate'] = (
-            f'z {1e3 * left_out[0]:+.1f} mm, tilt {math.degrees(left_out[1]):.2f} deg')
+            f'z {1e3 * left_out[0]:+.1f} mm, tilt {math.degrees(left_out[1]):.2f} deg'
+        )
     if newest is not None:
         values['corrected disturbance'] = millimetres(newest.disturbance)
         values['saturation error'] = millimetres(newest.saturation_error)
     if deviations := correction.deviations(now + horizon + lag):
         values['standard deviation of the prediction'] = '; '.join(
             f'{axis} {scale * deviation:.2g} {unit}'
-            for (axis, scale, unit), deviation in zip(POSE_AXES, deviations, strict=True))
+            for (axis, scale, unit), deviation in zip(
+                POSE_AXES, deviations, strict=True
+            )
+        )
     return 'correction', *correction_outcome(compensator, now, fault), values
 
 
@@ -68,14 +84,21 @@ def contact_components(compensator: Compensator) -> list[Component]:
     contact, pressing = compensator.contact, compensator.contact.pressing
     if not (contact.lateral.enabled or pressing.settings.enabled):
         return []
-    return [('contact', 'error' if pressing.reason else 'ok', pressing.outcome, {
-        **pressing_values(pressing),
-        'zero of the force [N]': pressing.zero,
-        'desired force at present [N]': pressing.desired,
-        'moment on the wall [N m]': pressing.moment,
-        'reason of the last retract': pressing.last_reason or 'never',
-        'shift of the goal': millimetres(contact.present),
-    })]
+    return [
+        (
+            'contact',
+            'error' if pressing.reason else 'ok',
+            pressing.outcome,
+            {
+                **pressing_values(pressing),
+                'zero of the force [N]': pressing.zero,
+                'desired force at present [N]': pressing.desired,
+                'moment on the wall [N m]': pressing.moment,
+                'reason of the last retract': pressing.last_reason or 'never',
+                'shift of the goal': millimetres(contact.present),
+            },
+        )
+    ]
 
 
 def pressing_values(pressing: Pressing) -> dict[str, Any]:
@@ -91,9 +114,13 @@ def pressing_values(pressing: Pressing) -> dict[str, Any]:
 def uncorrected_reason(correction: Correction, now: float) -> str:
     """Return why the correction of received estimates is faded out, ``''`` if it is not."""
     if correction.is_silent(now):
-        return ('the correction is faded out: the estimator is silent or rejected for more than '
-                f'{SILENCE:g} s; next: check the estimator')  # constant: a change is published
-    if correction.mode is CorrectionMode.DISABLED and math.isfinite(correction.age(now)):
+        return (
+            'the correction is faded out: the estimator is silent or rejected for more than '
+            f'{SILENCE:g} s; next: check the estimator'
+        )  # constant: a change is published
+    if correction.mode is CorrectionMode.DISABLED and math.isfinite(
+        correction.age(now)
+    ):
         return 'the correction is disabled; next: call compensator/enable with true'
     return ''
 
@@ -113,13 +140,17 @@ class GoalReport:
     """
 
     def __init__(
-        self, publish: Callable[[Component], None], compensator: Compensator,
+        self,
+        publish: Callable[[Component], None],
+        compensator: Compensator,
         warn: Callable[[str], object],
     ) -> None:
         self._publish, self._compensator, self._warn = publish, compensator, warn
         self.watch = ArrivalWatch(ArrivalSettings())
         self.stamp = ''  #: stamp of the followed goal in seconds, ``''`` for no goal
-        self._rejected: dict[str, str] = {}  # stamp and reason of the last rejected goal
+        self._rejected: dict[
+            str, str
+        ] = {}  # stamp and reason of the last rejected goal
         self._published: tuple[GoalState | None, str] = (None, '')
         self._next = -math.inf
 
@@ -151,19 +182,31 @@ class GoalReport:
         reason = compensator.held_back.message(now)
         path_time = compensator.path_time(now)
         progress = self.watch.update(
-            now, compensator.goal_error(now), path_time, bool(reason or pressing.reason),
-            pressing.is_held)
+            now,
+            compensator.goal_error(now),
+            path_time,
+            bool(reason or pressing.reason),
+            pressing.is_held,
+        )
         if not pressing.is_held:
             reason = '; '.join(filter(None, (reason, pressing.outcome)))
         is_late = path_time < -ARRIVAL_TIME and (
-            progress.distance >= 0.0 or compensator.correction.is_silent(now))  # NaN: unknown
-        is_near = progress.time_to_go < self.watch.settings.dwell  # the dwell time has begun
-        if is_late and not (reason or is_near) and (
-                reason := uncorrected_reason(compensator.correction, now)):
+            progress.distance >= 0.0 or compensator.correction.is_silent(now)
+        )  # NaN: unknown
+        is_near = (
+            progress.time_to_go < self.watch.settings.dwell
+        )  # the dwell time has begun
+        if (
+            is_late
+            and not (reason or is_near)
+            and (reason := uncorrected_reason(compensator.correction, now))
+        ):
             progress = progress._replace(state=GoalState.HELD_BACK)
             if self._published[0] is not GoalState.HELD_BACK:
                 self._warn(f'goal held back: {reason}')
-        is_due = not self._next - GOAL_PERIOD <= now < self._next  # or the clock was set back
+        is_due = (
+            not self._next - GOAL_PERIOD <= now < self._next
+        )  # or the clock was set back
         is_moving = progress.state is not GoalState.REACHED
         if self._published != (progress.state, reason) or is_due and is_moving:
             self._next = now + GOAL_PERIOD
@@ -185,8 +228,16 @@ class GoalReport:
             **(pressing_values(pressing) if pressing.settings.enabled else {}),
         }
         if goal is not None:
-            values |= {'followed x [mm]': 1e3 * goal.x, 'followed y [mm]': 1e3 * goal.y,
-                       'followed angle [deg]': math.degrees(goal.theta)}
-        self._publish((
-            'goal', GOAL_LEVELS.get(state, 'ok'),
-            f'{state.value}: {reason}' if reason else state.value, values | self._rejected))
+            values |= {
+                'followed x [mm]': 1e3 * goal.x,
+                'followed y [mm]': 1e3 * goal.y,
+                'followed angle [deg]': math.degrees(goal.theta),
+            }
+        self._publish(
+            (
+                'goal',
+                GOAL_LEVELS.get(state, 'ok'),
+                f'{state.value}: {reason}' if reason else state.value,
+                values | self._rejected,
+            )
+        )

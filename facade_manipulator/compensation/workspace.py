@@ -35,7 +35,9 @@ class WorkspaceLimit:
         self._margin = margin
         self._half = geometry.platform_half_length
         self._mechanism = Mechanism(geometry)
-        self._clamped = self._clamped_platform if geometry.is_nominal else self._clamped_head
+        self._clamped = (
+            self._clamped_platform if geometry.is_nominal else self._clamped_head
+        )
         errors = 3.0 * _greatest(geometry.link_errors, geometry.platform_errors)
         self._reach = geometry.link_length - margin - errors
         self._gap = geometry.carriage_gap + margin + errors
@@ -44,12 +46,15 @@ class WorkspaceLimit:
         self._stroke = least + margin, greatest - margin
         self._halves = geometry.half_lengths
         self._link_squares = tuple(length * length for length in geometry.link_lengths)
-        self._order = (self._half - self._gap) ** 2 - geometry.link_length ** 2  # (b − gap)² − l²
+        self._order = (
+            self._half - self._gap
+        ) ** 2 - geometry.link_length**2  # (b − gap)² − l²
         self._span_y = self._y_interval()
         if self._span_y[0] >= self._span_y[1]:
             raise ParameterError(
                 f'geometry rejected: it leaves no workspace in y, from {self._span_y[0]:.4g} m to '
-                f'{self._span_y[1]:.4g} m; next: check link_length and carriage_gap')
+                f'{self._span_y[1]:.4g} m; next: check link_length and carriage_gap'
+            )
 
     def saturate(self, pose: Pose, slope: float = 0.0) -> Saturated:
         """
@@ -61,7 +66,9 @@ class WorkspaceLimit:
         inside = self._clamped(pose)
         if slope != 0.0 and inside.saturation_error.x != 0.0:
             for _ in range(REFINEMENTS):  # the limit of x depends slightly on y
-                inside = self._clamped(pose._replace(y=pose.y + slope * inside.saturation_error.x))
+                inside = self._clamped(
+                    pose._replace(y=pose.y + slope * inside.saturation_error.x)
+                )
         return inside
 
     def _clamped_head(self, pose: Pose) -> Saturated:
@@ -78,7 +85,8 @@ class WorkspaceLimit:
         theta = soft_clamp(pose.theta, -yaw, yaw, YAW_KNEE)
         x = soft_clamp(pose.x, *self._x_interval(y, theta), KNEE)
         return Saturated(
-            Pose(x, y, theta), Pose(pose.x - x, pose.y - y, pose.theta - theta))
+            Pose(x, y, theta), Pose(pose.x - x, pose.y - y, pose.theta - theta)
+        )
 
     def _y_interval(self) -> tuple[float, float]:
         """Return the y-interval [m] at θ = 0, by carriage gap and reach; never behind the rail."""
@@ -98,7 +106,9 @@ class WorkspaceLimit:
         u1, u2 = y - half1 * sine, y + half2 * sine
         first = math.sqrt(max(square1 - u1 * u1, 0.0))
         second = math.sqrt(max(square2 - u2 * u2, 0.0))
-        return self._stroke[0] + half1 * cosine - first, self._stroke[1] - half2 * cosine + second
+        return self._stroke[0] + half1 * cosine - first, self._stroke[
+            1
+        ] - half2 * cosine + second
 
 
 def _greatest(*errors: tuple[float, ...]) -> float:

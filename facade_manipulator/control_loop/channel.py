@@ -26,7 +26,13 @@ from facade_manipulator.motion.limits import MotionLimits
 
 # plain numbers: combining Python's flags takes longer than the system call
 _WITHOUT_WAITING = int(socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
-MAY_GET_LOST = ('feed', 'setpoint', 'forces', 'state', 'rejected')  # the next ones replace them
+MAY_GET_LOST = (
+    'feed',
+    'setpoint',
+    'forces',
+    'state',
+    'rejected',
+)  # the next ones replace them
 Message = tuple[str, tuple[Any, ...]]  # kind and content
 
 

@@ -41,11 +41,17 @@ from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.motion.braking import fastest_near
 from facade_manipulator.motion.follower import SetpointFollower
-from facade_manipulator.motion.guard import homing_guard, measured_guard, mechanism_guard
+from facade_manipulator.motion.guard import (
+    homing_guard,
+    measured_guard,
+    mechanism_guard,
+)
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
-CLOSE_TIMEOUT = 6.5  # s: more than the loop takes to ramp down, power off and close the bus
+CLOSE_TIMEOUT = (
+    6.5  # s: more than the loop takes to ramp down, power off and close the bus
+)
 END_TIMEOUT = 7  # s, after which the kernel ends the process
 _log = logging.getLogger(__name__)
 
@@ -58,11 +64,18 @@ def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismCheck
     """
     guard = mechanism_guard(setup.geometry)
     follower = SetpointFollower(
-        setup.stream, setup.limits, setup.controller.period, guard,
-        fastest_near(setup.geometry, setup.stopping(setup.limits).separation))
+        setup.stream,
+        setup.limits,
+        setup.controller.period,
+        guard,
+        fastest_near(setup.geometry, setup.stopping(setup.limits).separation),
+    )
     return follower, MechanismChecks(
-        follower, guard, homing_guard(setup.geometry),
-        measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes)))
+        follower,
+        guard,
+        homing_guard(setup.geometry),
+        measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes)),
+    )
 
 
 class ControlLoop:
@@ -74,18 +87,29 @@ class ControlLoop:
     """
 
     def __init__(
-        self, setup: LoopSetup, channel: Channel, clock: Clock | None = None,
+        self,
+        setup: LoopSetup,
+        channel: Channel,
+        clock: Clock | None = None,
         machine: tuple[SetpointFollower, DriveController] | None = None,
     ) -> None:
         self._clock = clock or Clock()
         if machine is None:
             follower, mechanism = checked_follower(setup)
-            machine = follower, DriveController(
-                setup.controller, setup.axes, lambda: CanBus(open_bus(setup.bus)), mechanism)
+            machine = (
+                follower,
+                DriveController(
+                    setup.controller,
+                    setup.axes,
+                    lambda: CanBus(open_bus(setup.bus)),
+                    mechanism,
+                ),
+            )
         self.follower, self.controller = machine
         self.controller.start()
         self.simulator: Any = setup.simulate and resolve_name(setup.simulate)(
-            setup.bus, setup.axes)
+            setup.bus, setup.axes
+        )
         self._setup = setup
         self._channel = channel
         self._ends = False
@@ -97,7 +121,9 @@ class ControlLoop:
             'forbid': self.controller.forbid_power,
             'limits': self._change_limits,
             'close': self.end,
-            'forces': lambda *forces: self.simulator.apply_forces(forces),  # of simulated drives
+            'forces': lambda *forces: self.simulator.apply_forces(
+                forces
+            ),  # of simulated drives
         }
 
     def end(self) -> None:
@@ -112,7 +138,9 @@ class ControlLoop:
         bound = self._setup.controller.watchdog_timeout
         try:
             while not self._ends:
-                if message := self._channel.receive(0.05):  # s, maximum delay of a signal
+                if message := self._channel.receive(
+                    0.05
+                ):  # s, maximum delay of a signal
                     kind, content = message
                     try:
                         self._handlers[kind](*content)
@@ -121,7 +149,8 @@ class ControlLoop:
                 silence = self._clock.monotonic() - self._fed
                 if silence > bound and self._may_have_power:
                     raise ConnectionError(
-                        f'the driver node has been silent for {silence:.2f} s, bound {bound:g} s')
+                        f'the driver node has been silent for {silence:.2f} s, bound {bound:g} s'
+                    )
         except ConnectionError as loss:
             if self._may_have_power:
                 _log.error('%s: the carriages ramp down and the power goes off', loss)
@@ -150,13 +179,16 @@ class ControlLoop:
         try:
             self.follower.add(Setpoint(*setpoint), self._clock.time())
         except ManipulatorError as error:
-            self._channel.send('rejected', getattr(error, 'reason', 'other'), str(error))
+            self._channel.send(
+                'rejected', getattr(error, 'reason', 'other'), str(error)
+            )
 
     def _start_request(self, number: int, name: str) -> None:
         def reply(job: Future[Any]) -> None:
             error = job.exception()
             self._channel.send(
-                'reply', number, error is None, str(error) if error else job.result())
+                'reply', number, error is None, str(error) if error else job.result()
+            )
 
         self.controller.request(name).add_done_callback(reply)
 
@@ -190,7 +222,7 @@ def main(descriptor: int) -> int:
         message = channel.receive(10.0)  # s, that the node has for sending the setup
         if message is None:
             return 1
-        setup, = message[1]
+        (setup,) = message[1]
         loop = ControlLoop(setup, channel)
     except (ManipulatorError, ConnectionError) as error:
         channel.send('failed', str(error))
@@ -208,10 +240,14 @@ def main(descriptor: int) -> int:
 def _start_logging() -> None:
     """Write the log in a separate thread, because a terminal may block the output."""
     output = logging.StreamHandler()
-    output.setFormatter(logging.Formatter('[%(levelname)s] [control loop]: %(message)s'))
+    output.setFormatter(
+        logging.Formatter('[%(levelname)s] [control loop]: %(message)s')
+    )
     listener = QueueListener(SimpleQueue[Any](), output)
     logging.getLogger().addHandler(QueueHandler(listener.queue))
     logging.getLogger('facade_manipulator').setLevel(logging.INFO)
-    logging.getLogger('canopen').setLevel(logging.CRITICAL)  # its errors are messages of ours
+    logging.getLogger('canopen').setLevel(
+        logging.CRITICAL
+    )  # its errors are messages of ours
     listener.start()
     atexit.register(listener.stop)

@@ -36,12 +36,17 @@ from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.resources import import_path
 
-CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and close the bus
+CLOSE_TIMEOUT = (
+    8.0  # s: more than the loop takes to ramp down, power off and close the bus
+)
 # feeds, 3 s: without a bus the loop sends a state each second. The bound is not a time, because a
 # node that hung itself finds old states of a healthy loop.
 MAX_UNANSWERED = 60
 # 30 s: some interfaces take long to open, and nothing runs then
-MAX_UNANSWERED_WITHOUT_BUS = {ControllerState.UNCONFIGURED: 600, ControllerState.BUS_LOST: 600}
+MAX_UNANSWERED_WITHOUT_BUS = {
+    ControllerState.UNCONFIGURED: 600,
+    ControllerState.BUS_LOST: 600,
+}
 FEED_PERIOD = 0.05  # s; halt is answered within 0.1 s
 STOP = 'the drives stop because its heartbeat is missing'
 POWER_OFF = 'the drives that it had configured have confirmed that their power is off'
@@ -49,7 +54,8 @@ LOST_REMEDY = 'read the cause in the log, then configure, home, activate'
 START = (  # the new interpreter imports from where this one does
     'import sys; sys.path[:] = sys.argv[2:]; '
     'from facade_manipulator.control_loop import control_loop; '
-    'sys.exit(control_loop.main(int(sys.argv[1])))')
+    'sys.exit(control_loop.main(int(sys.argv[1])))'
+)
 
 
 def start_process(end: socket.socket) -> subprocess.Popen[bytes]:
@@ -63,8 +69,11 @@ def start_process(end: socket.socket) -> subprocess.Popen[bytes]:
     """
     number = str(end.fileno())
     return subprocess.Popen(
-        [sys.executable, '-I', '-c', START, number, *import_path()], pass_fds=(end.fileno(),),
-        stdin=subprocess.DEVNULL, start_new_session=True)
+        [sys.executable, '-I', '-c', START, number, *import_path()],
+        pass_fds=(end.fileno(),),
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+    )
 
 
 class LoopClient:
@@ -78,7 +87,9 @@ class LoopClient:
     """
 
     def __init__(
-        self, setup: LoopSetup, on_rejection: Callable[[str, str], None],
+        self,
+        setup: LoopSetup,
+        on_rejection: Callable[[str, str], None],
         launch: Callable[[socket.socket], subprocess.Popen[bytes]] = start_process,
     ) -> None:
         self._setup = setup
@@ -107,7 +118,8 @@ class LoopClient:
             if kind == 'failed':
                 raise ParameterError(*content)
             raise ManipulatorError(
-                'the process of the control loop did not start; next: read its output above')
+                'the process of the control loop did not start; next: read its output above'
+            )
         # other threads send only after this line: the setup must be the first message
         self._jobs: dict[int, Future[Any]] = {}
         self._unanswered = 0
@@ -115,7 +127,9 @@ class LoopClient:
         # states that the node has not taken yet, at most those of two seconds
         self._states: deque[ControllerSnapshot] = deque(maxlen=200)
         self._process, self._channel = process, channel
-        self._is_lost = False  # not before: `feed` would read the closed channel of the last loop
+        self._is_lost = (
+            False  # not before: `feed` would read the closed channel of the last loop
+        )
         # to a loop that is started again; the limits may have changed after the setup was sent
         self._channel.send('forbid', self._forbidden, self._remedy)
         self._channel.send('limits', self._setup.limits)
@@ -150,8 +164,10 @@ class LoopClient:
         bound = MAX_UNANSWERED_WITHOUT_BUS.get(self.snapshot().state, MAX_UNANSWERED)
         if self._unanswered > bound and not self._is_lost:
             _end(self._process)  # its drives miss the master's heartbeat and stop
-            self._lose(f'the control loop has sent no state while it was fed '
-                       f'{self._unanswered} times, bound {bound}, and was ended; {STOP}')
+            self._lose(
+                f'the control loop has sent no state while it was fed '
+                f'{self._unanswered} times, bound {bound}, and was ended; {STOP}'
+            )
 
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once."""
@@ -209,8 +225,10 @@ class LoopClient:
                         job.set_exception(DriveError(answer))
         except ConnectionError:
             status = _end(self._process, 1.0)
-            self._lose(f'the control loop has ended by itself, exit status {status}; '
-                       f'{POWER_OFF if status == 0 else STOP}')
+            self._lose(
+                f'the control loop has ended by itself, exit status {status}; '
+                f'{POWER_OFF if status == 0 else STOP}'
+            )
         finally:
             self._reading.release()
 
@@ -219,11 +237,16 @@ class LoopClient:
             return
         snapshot, status = self._state
         lost = ControllerSnapshot(
-            ControllerState.CLOSED, None,
-            tuple(AxisSnapshot(one.name, one.node_id) for one in snapshot.axes))
+            ControllerState.CLOSED,
+            None,
+            tuple(AxisSnapshot(one.name, one.node_id) for one in snapshot.axes),
+        )
         if not self._closing:
-            lost = lost._replace(state=ControllerState.LOST, next_step=LOST_REMEDY,
-                                 causes=(Cause(reason, LOST_REMEDY),))
+            lost = lost._replace(
+                state=ControllerState.LOST,
+                next_step=LOST_REMEDY,
+                causes=(Cause(reason, LOST_REMEDY),),
+            )
         self._is_lost, self._state = True, (lost, status)
         self._channel.close()
         self._fail_jobs(reason)
@@ -248,14 +271,18 @@ class LoopClient:
     def _farewell(self) -> Future[Any]:
         """Return the reply to the last request, which ends the process."""
         self._closing = True
-        job, end = self.request('close'), time.monotonic() + (
-            CLOSE_TIMEOUT + self._setup.extra_time)
+        job, end = (
+            self.request('close'),
+            time.monotonic() + (CLOSE_TIMEOUT + self._setup.extra_time),
+        )
         while not job.done() and time.monotonic() < end:
             self.feed()
             time.sleep(FEED_PERIOD)
         self._channel.send('close')
         _end(self._process, max(0.0, end - time.monotonic()) if job.done() else 0.0)
-        self._lose('the control loop has not confirmed that the power of the drives is off')
+        self._lose(
+            'the control loop has not confirmed that the power of the drives is off'
+        )
         return job
 
 

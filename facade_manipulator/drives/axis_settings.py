@@ -13,9 +13,17 @@ from facade_manipulator.parameters import parameter, parameter_fields, settings
 
 AXIS_NAMES = ('q1', 'q2', 'q3')
 Triple = tuple[float, float, float]
-OF_ONE_AXIS = frozenset({  # settings that may differ between the axes
-    'node_id', 'serial_number', 'lead', 'direction', 'home_position', 'homing_method',
-    'homing_rank'})
+OF_ONE_AXIS = frozenset(
+    {  # settings that may differ between the axes
+        'node_id',
+        'serial_number',
+        'lead',
+        'direction',
+        'home_position',
+        'homing_method',
+        'homing_rank',
+    }
+)
 
 
 @settings
@@ -30,51 +38,113 @@ class AxisSettings:
     """
 
     pulses_per_revolution: int = parameter(
-        'Encoder lines per revolution of the motor; a line gives four counts', default=500,
-        minimum=1, maximum=2**28)
+        'Encoder lines per revolution of the motor; a line gives four counts',
+        default=500,
+        minimum=1,
+        maximum=2**28,
+    )
     gear_ratio: float = parameter(
-        'Revolutions of the motor per revolution of the screw', default=4.3,
-        minimum=1e-3, maximum=1000.0)
+        'Revolutions of the motor per revolution of the screw',
+        default=4.3,
+        minimum=1e-3,
+        maximum=1000.0,
+    )
     lead: float = parameter(
-        'Displacement of the carriage per revolution of the screw', default=0.02, unit='m',
-        minimum=1e-4, maximum=1.0)
+        'Displacement of the carriage per revolution of the screw',
+        default=0.02,
+        unit='m',
+        minimum=1e-4,
+        maximum=1.0,
+    )
     direction: int = parameter(
-        '1: positive counts move the carriage to positive q; -1: the other way round', default=1,
-        minimum=-1, maximum=1)
+        '1: positive counts move the carriage to positive q; -1: the other way round',
+        default=1,
+        minimum=-1,
+        maximum=1,
+    )
     rated_torque: float = parameter(
-        'Rated torque of the motor', default=0.0545, unit='N m', minimum=1e-6, maximum=1000.0)
+        'Rated torque of the motor',
+        default=0.0545,
+        unit='N m',
+        minimum=1e-6,
+        maximum=1000.0,
+    )
     efficiency: float = parameter(
-        'Efficiency of gear and screw together', default=0.8, minimum=0.01, maximum=1.0)
+        'Efficiency of gear and screw together', default=0.8, minimum=0.01, maximum=1.0
+    )
     node_id: int = parameter(
-        'CANopen node id of the drive', default=1, minimum=1, maximum=pdo.MASTER_NODE_ID - 1)
+        'CANopen node id of the drive',
+        default=1,
+        minimum=1,
+        maximum=pdo.MASTER_NODE_ID - 1,
+    )
     profile: str = parameter(
-        'Drive type: name of a file in config/drives', default='simulated')
+        'Drive type: name of a file in config/drives', default='simulated'
+    )
     serial_number: int = parameter(
         'Required serial number of the drive (1018h:4); 0 accepts any, also of swapped axes',
-        default=0, minimum=0, maximum=2**32 - 1)
+        default=0,
+        minimum=0,
+        maximum=2**32 - 1,
+    )
     max_speed: float = parameter(
-        'Speed limit of the drive', default=0.6, unit='m/s', minimum=0.001, maximum=5.0)
+        'Speed limit of the drive', default=0.6, unit='m/s', minimum=0.001, maximum=5.0
+    )
     max_acceleration: float = parameter(
-        'Acceleration limit of the drive', default=6.0, unit='m/s^2', minimum=0.01, maximum=100.0)
+        'Acceleration limit of the drive',
+        default=6.0,
+        unit='m/s^2',
+        minimum=0.01,
+        maximum=100.0,
+    )
     stop_deceleration: float = parameter(
-        'Deceleration of a quick stop', default=6.0, unit='m/s^2', minimum=0.01, maximum=100.0)
+        'Deceleration of a quick stop',
+        default=6.0,
+        unit='m/s^2',
+        minimum=0.01,
+        maximum=100.0,
+    )
     following_error_window: float = parameter(
         'Following error that trips the drive, and difference of two axes that stops all: at '
         'most three quarters of the distance that carriage_gap leaves to a collision',
-        default=0.015, unit='m', minimum=1e-5, maximum=0.5)
+        default=0.015,
+        unit='m',
+        minimum=1e-5,
+        maximum=0.5,
+    )
     home_position: float = parameter(
-        'Position of the carriage at its home position', default=0.0, unit='m', minimum=-10.0,
-        maximum=10.0)
+        'Position of the carriage at its home position',
+        default=0.0,
+        unit='m',
+        minimum=-10.0,
+        maximum=10.0,
+    )
     homing_method: int = parameter(
-        'Homing method of CiA 402; 37 takes the present position as home', default=37,
-        minimum=-128, maximum=127)
+        'Homing method of CiA 402; 37 takes the present position as home',
+        default=37,
+        minimum=-128,
+        maximum=127,
+    )
     homing_rank: int = parameter(
-        'Axes of one rank home together, lower ranks first', default=1, minimum=1, maximum=3)
+        'Axes of one rank home together, lower ranks first',
+        default=1,
+        minimum=1,
+        maximum=3,
+    )
     homing_speed: float = parameter(
-        'Speed towards the switch or hard stop', default=0.05, unit='m/s', minimum=1e-4,
-        maximum=1.0)
+        'Speed towards the switch or hard stop',
+        default=0.05,
+        unit='m/s',
+        minimum=1e-4,
+        maximum=1.0,
+    )
     homing_current: float = parameter(
-        'Motor current at a hard stop', default=1.0, unit='A', minimum=0.01, maximum=100.0)
+        'Motor current at a hard stop',
+        default=1.0,
+        unit='A',
+        minimum=0.01,
+        maximum=100.0,
+    )
 
     # by the profile of the drive
     vendor_id: int = 0  # 1018h:1; 0 accepts any
@@ -86,7 +156,9 @@ class AxisSettings:
     limit_margin: float = 0.005  # m, from the stroke to the drive's own position limits
     lower_limit: float = -0.5  # m
     upper_limit: float = 0.5  # m
-    following_error_time: float = 0.01  # s, for which the following error may leave its window
+    following_error_time: float = (
+        0.01  # s, for which the following error may leave its window
+    )
     homing_acceleration: float = 0.5  # m/s^2
     homing_zero_share: float = 0.2  # of homing_speed, away from the switch or hard stop
     homing_strokes: float = 3.0  # that a carriage may take to home, at homing_speed
@@ -97,7 +169,8 @@ class AxisSettings:
         if not self.lower_limit <= self.home_position <= self.upper_limit:
             raise ParameterError(
                 f'home_position = {self.home_position:g} m is outside the stroke '
-                f'{self.lower_limit:g} m to {self.upper_limit:g} m; next: set a place inside')
+                f'{self.lower_limit:g} m to {self.upper_limit:g} m; next: set a place inside'
+            )
 
     @property
     def stop_time(self) -> float:
@@ -118,8 +191,11 @@ class AxisSettings:
     def velocity_units_per_count(self) -> float:
         """Return the velocity units of the drive per count/s."""
         unit = VELOCITY_UNITS[self.velocity_unit]
-        counts = {'count': 1.0, 'revolution': self.counts_per_revolution,
-                  'metre': abs(self.counts_per_metre)}
+        counts = {
+            'count': 1.0,
+            'revolution': self.counts_per_revolution,
+            'metre': abs(self.counts_per_metre),
+        }
         return unit.factor / counts[unit.counted]
 
     @cached_property
@@ -127,7 +203,14 @@ class AxisSettings:
         """Return the SI value of one unit of each quantity of the drive, with the direction."""
         metres = 1.0 / self.counts_per_metre
         turns_per_metre = self.direction * self.gear_ratio / self.lead
-        force = 2.0 * math.pi * self.efficiency * turns_per_metre * self.rated_torque / 1000.0
+        force = (
+            2.0
+            * math.pi
+            * self.efficiency
+            * turns_per_metre
+            * self.rated_torque
+            / 1000.0
+        )
         return SiPerUnit(metres, metres / self.velocity_units_per_count, force, metres)
 
     def to_counts(self, position: float) -> int:
@@ -142,7 +225,8 @@ class AxisSettings:
 # the home pose of the prototype is q = (-0.1, 0.1, 0) m; along the rail the order is q1, q3, q2
 DEFAULT_AXES = tuple(
     AxisSettings(node_id=node_id, home_position=home)
-    for node_id, home in enumerate((-0.1, 0.1, 0.0), 1))
+    for node_id, home in enumerate((-0.1, 0.1, 0.0), 1)
+)
 
 
 def read_axes(
@@ -157,10 +241,18 @@ def read_axes(
     shared = set(parameter_fields(AxisSettings)) - OF_ONE_AXIS
     common = read(AxisSettings, prefix='axes', only=shared)
     return tuple(
-        read(AxisSettings, prefix=name, only=OF_ONE_AXIS, node_id=default.node_id,
-             home_position=default.home_position, lower_limit=stroke[0], upper_limit=stroke[1],
-             **{field: getattr(common, field) for field in shared})
-        for name, default in zip(AXIS_NAMES, DEFAULT_AXES, strict=True))
+        read(
+            AxisSettings,
+            prefix=name,
+            only=OF_ONE_AXIS,
+            node_id=default.node_id,
+            home_position=default.home_position,
+            lower_limit=stroke[0],
+            upper_limit=stroke[1],
+            **{field: getattr(common, field) for field in shared},
+        )
+        for name, default in zip(AXIS_NAMES, DEFAULT_AXES, strict=True)
+    )
 
 
 def check_axes(axes: tuple[AxisSettings, ...]) -> None:
@@ -173,4 +265,5 @@ def check_axes(axes: tuple[AxisSettings, ...]) -> None:
         values = [getattr(axis, name) for axis in axes if getattr(axis, name)]
         if len(set(values)) < len(values):
             raise ParameterError(
-                f'two axes have the same {name}: {values}; next: correct one of the axes')
+                f'two axes have the same {name}: {values}; next: correct one of the axes'
+            )

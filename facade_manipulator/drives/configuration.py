@@ -29,13 +29,19 @@ from facade_manipulator.drives.monitor import AxisMonitor, REST_SPEED
 from facade_manipulator.drives.profile import DriveProfile, quantities
 from facade_manipulator.drives.states import decode_state, POWERED_STATES, State
 from facade_manipulator.drives.units import COUNTS, VELOCITY_UNITS
-from facade_manipulator.errors import BusError, DriveError, DriveObjectError, ParameterError
+from facade_manipulator.errors import (
+    BusError,
+    DriveError,
+    DriveObjectError,
+    ParameterError,
+)
 
 DEVICE_TYPE = 402
 Read = Callable[[int, int], 'int | None']
 
 
 # --- the writes of a drive
+
 
 def drive_writes(
     profile: DriveProfile, axis: AxisSettings, settings: ControllerSettings
@@ -50,18 +56,30 @@ def drive_writes(
         known = ', '.join(map(str, profile.homing_methods))
         raise ParameterError(
             f'homing_method = {axis.homing_method} of node {axis.node_id} is not supported by the '
-            f'drive type {profile.name}; next: set one of {known}')
+            f'drive type {profile.name}; next: set one of {known}'
+        )
     values = quantities(axis, settings, profile.motor_speed_unit)
     return [
-        *(Write(item.index, item.subindex,
+        *(
+            Write(
+                item.index,
+                item.subindex,
                 values[item.value] if isinstance(item.value, str) else item.value,
-                required=item.required) for item in profile.objects),
+                required=item.required,
+            )
+            for item in profile.objects
+        ),
         *(one.disable_write(axis.node_id) for one in pdo.unused_pdos(profile.pdos)),
-        *(write for one in profile.pdos
-          for write in one.configure_writes(axis.node_id, settings.rate))]
+        *(
+            write
+            for one in profile.pdos
+            for write in one.configure_writes(axis.node_id, settings.rate)
+        ),
+    ]
 
 
 # --- objects, written and read back
+
 
 def apply(drive: SdoChannel, writes: list[Write]) -> list[str]:
     """
@@ -78,9 +96,14 @@ def apply(drive: SdoChannel, writes: list[Write]) -> list[str]:
             rejections.setdefault(str(write), str(error))
     differences, notes = check(drive, writes)
     if differences:
-        raise DriveObjectError('; '.join(
-            text if (rejection := rejections.get(name, text)) == text else f'{text}: {rejection}'
-            for name, text in differences.items()))
+        raise DriveObjectError(
+            '; '.join(
+                text
+                if (rejection := rejections.get(name, text)) == text
+                else f'{text}: {rejection}'
+                for name, text in differences.items()
+            )
+        )
     return notes
 
 
@@ -96,7 +119,11 @@ def check(drive: SdoChannel, writes: list[Write]) -> tuple[dict[str, str], list[
             if difference := _difference(drive, write):
                 differences[str(write)] = difference
         except DriveObjectError as error:
-            if not write.required and isinstance(error, SdoAbortError) and error.is_absent:
+            if (
+                not write.required
+                and isinstance(error, SdoAbortError)
+                and error.is_absent
+            ):
                 notes.append(f'{drive.name} has no object {write}, which is optional')
             else:
                 differences[str(write)] = str(error)
@@ -105,13 +132,17 @@ def check(drive: SdoChannel, writes: list[Write]) -> tuple[dict[str, str], list[
 
 def _encoded(drive: SdoChannel, write: Write) -> bytes:
     # the size is that of the map or the EDS, else that of the answer of the drive
-    size = (write.size or drive.size(write.index, write.subindex)
-            or len(drive.read(write.index, write.subindex)))
+    size = (
+        write.size
+        or drive.size(write.index, write.subindex)
+        or len(drive.read(write.index, write.subindex))
+    )
     value = write.value % (1 << 8 * size)
     if value != write.value and value - (1 << 8 * size) != write.value:
         raise DriveObjectError(
             f'{drive.name} (node {drive.node_id}): {write.value} does not fit into the '
-            f'{size} bytes of object {write}')
+            f'{size} bytes of object {write}'
+        )
     return value.to_bytes(size, 'little')
 
 
@@ -120,14 +151,20 @@ def _difference(drive: SdoChannel, write: Write) -> str:
     data = _encoded(drive, write)
     mask = write.compared & ((1 << 8 * len(data)) - 1)
     expected = int.from_bytes(data, 'little')
-    found = int.from_bytes(drive.read(write.index, write.subindex)[:len(data)], 'little')
+    found = int.from_bytes(
+        drive.read(write.index, write.subindex)[: len(data)], 'little'
+    )
     if not (found ^ expected) & mask:
         return ''
-    return (f'{drive.name} (node {drive.node_id}): object {write} reads back as {found} '
-            f'({found:X}h) instead of {expected} ({expected:X}h)')
+    return (
+        f'{drive.name} (node {drive.node_id}): object {write} reads back as {found} '
+        f'({found:X}h) instead of {expected} ({expected:X}h)'
+    )
 
 
-def read_optional(drive: SdoChannel, index: int, subindex: int, **sign: bool) -> int | None:
+def read_optional(
+    drive: SdoChannel, index: int, subindex: int, **sign: bool
+) -> int | None:
     """Return the number in an object, None if the drive lacks the object."""
     try:
         return drive.read_number(index, subindex, **sign)
@@ -146,6 +183,7 @@ def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> bool:
 
 # --- units and identity
 
+
 def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
     """
     Yield units, gearing and polarity of a drive that differ from its profile, with a remedy.
@@ -155,37 +193,48 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
     """
     ramp = axis.acceleration_unit or axis.velocity_unit
     for index, expected, name in (
-            (0x60A8, COUNTS, 'positions in counts'),
-            (0x60A9, VELOCITY_UNITS[axis.velocity_unit].velocity, axis.velocity_unit),
-            (0x60AA, VELOCITY_UNITS[ramp].acceleration, f'{ramp} per second'),
-            (0x607E, 0, "no polarity: the axis's direction has the sign")):
+        (0x60A8, COUNTS, 'positions in counts'),
+        (0x60A9, VELOCITY_UNITS[axis.velocity_unit].velocity, axis.velocity_unit),
+        (0x60AA, VELOCITY_UNITS[ramp].acceleration, f'{ramp} per second'),
+        (0x607E, 0, "no polarity: the axis's direction has the sign"),
+    ):
         if (found := read(index, 0)) and found != expected:
-            yield (f'object {index:04X}h:00 = {found:X}h, expected {expected:X}h ({name}): set it '
-                   'in the drive or among the objects of its profile, or correct the unit there')
+            yield (
+                f'object {index:04X}h:00 = {found:X}h, expected {expected:X}h ({name}): set it '
+                'in the drive or among the objects of its profile, or correct the unit there'
+            )
     counts = _counts_per_revolution(read)
     if counts is not None and abs(counts - axis.counts_per_revolution) > 0.5:
         # Nanotec's drives have a feed of 1; Novanta's accept 6092h without using it
-        yield (f'the gearing 608Fh, 6091h, 6092h makes {counts:.10g} counts per revolution of the '
-               f'motor, expected {axis.counts_per_revolution}: correct it in the drive (6092h:01 '
-               f'= {axis.counts_per_revolution}, for a gear of 1), or correct '
-               'axes.pulses_per_revolution')
+        yield (
+            f'the gearing 608Fh, 6091h, 6092h makes {counts:.10g} counts per revolution of the '
+            f'motor, expected {axis.counts_per_revolution}: correct it in the drive (6092h:01 '
+            f'= {axis.counts_per_revolution}, for a gear of 1), or correct '
+            'axes.pulses_per_revolution'
+        )
 
 
 def _counts_per_revolution(read: Read) -> float | None:
     """Return feed, or else encoder resolution, divided by gear ratio; None if both are missing."""
+
     def ratio(index: int) -> float | None:
         over = read(index, 1)
         under = read(index, 2) if over else None
         return over / under if over and under else None
 
     feed, resolution = ratio(0x6092), ratio(0x608F)
-    if resolution == 1.0 and feed in (None, 1.0):  # Elmo's Gold drives have counts of the encoder
+    if resolution == 1.0 and feed in (
+        None,
+        1.0,
+    ):  # Elmo's Gold drives have counts of the encoder
         return None
     feed = feed or resolution
     return feed and feed / (ratio(0x6091) or 1.0)
 
 
-def check_identity(drive: SdoChannel, axis: AxisSettings, serials: dict[int, str]) -> int | None:
+def check_identity(
+    drive: SdoChannel, axis: AxisSettings, serials: dict[int, str]
+) -> int | None:
     """
     Require the configured identity of a drive; return its serial number, None if it has none.
 
@@ -193,27 +242,41 @@ def check_identity(drive: SdoChannel, axis: AxisSettings, serials: dict[int, str
     distinguishes swapped axes from a replaced drive. Raises a DriveObjectError that names the
     difference.
     """
-    where, kind = f'{drive.name} (node {drive.node_id})', drive.read_number(0x1000) & 0xFFFF
+    where, kind = (
+        f'{drive.name} (node {drive.node_id})',
+        drive.read_number(0x1000) & 0xFFFF,
+    )
     if kind != DEVICE_TYPE:
         raise DriveObjectError(
-            f'{where}: device type {kind} is not {DEVICE_TYPE}: this is not a drive')
-    numbers = {name: read_optional(drive, 0x1018, subindex) for subindex, name in (
-        (1, 'vendor_id'), (2, 'product_code'), (4, 'serial_number'))}
+            f'{where}: device type {kind} is not {DEVICE_TYPE}: this is not a drive'
+        )
+    numbers = {
+        name: read_optional(drive, 0x1018, subindex)
+        for subindex, name in (
+            (1, 'vendor_id'),
+            (2, 'product_code'),
+            (4, 'serial_number'),
+        )
+    }
     for name, actual in numbers.items():
         configured = getattr(axis, name)
         if not configured or actual == configured:
             continue
         remedy = 'it is another drive: correct its node id or the configuration'
         if not actual:
-            remedy = 'the drive has no number: configure 0, or check its maker and node id'
+            remedy = (
+                'the drive has no number: configure 0, or check its maker and node id'
+            )
         elif name == 'serial_number' and actual in serials:
             remedy = f'this is the drive of {serials[actual]}, the axes are swapped'
         raise DriveObjectError(
-            f'{where}: {name} = {actual} is not the configured {configured}: {remedy}')
+            f'{where}: {name} = {actual} is not the configured {configured}: {remedy}'
+        )
     return numbers['serial_number']
 
 
 # --- one drive in use
+
 
 class Drive(SdoChannel):
     """
@@ -226,16 +289,24 @@ class Drive(SdoChannel):
     """
 
     def __init__(
-        self, bus: CanBus, monitor: AxisMonitor, settings: ControllerSettings, clock: Clock,
+        self,
+        bus: CanBus,
+        monitor: AxisMonitor,
+        settings: ControllerSettings,
+        clock: Clock,
         serials: dict[int, str],
     ) -> None:
-        super().__init__(bus, monitor.axis.node_id, monitor.name, monitor.profile.eds, clock)
+        super().__init__(
+            bus, monitor.axis.node_id, monitor.name, monitor.profile.eds, clock
+        )
         self.monitor, self._settings, self._serials = monitor, settings, serials
         self._writes = drive_writes(monitor.profile, monitor.axis, settings)
 
     def identify(self) -> None:
         """Check the identity, and store the serial number."""
-        self.monitor.serial_number = check_identity(self, self.monitor.axis, self._serials)
+        self.monitor.serial_number = check_identity(
+            self, self.monitor.axis, self._serials
+        )
 
     def configure(self) -> list[str]:
         """Write and prove all objects; return notes of skipped objects and missing checks."""
@@ -247,12 +318,17 @@ class Drive(SdoChannel):
         if monitor.serial_number and not monitor.axis.serial_number:
             notes.append(
                 f'{monitor.title} accepts any drive: set its serial_number, now '
-                f'{monitor.serial_number}, so that swapped axes are found')
+                f'{monitor.serial_number}, so that swapped axes are found'
+            )
         return notes
 
     def _unit_conflicts(self) -> list[str]:
-        return [f'{self.monitor.title}: {problem}' for problem in unit_conflicts(
-            partial(read_optional, self), self.monitor.axis)]
+        return [
+            f'{self.monitor.title}: {problem}'
+            for problem in unit_conflicts(
+                partial(read_optional, self), self.monitor.axis
+            )
+        ]
 
     def prove(self) -> None:
         """Check identity, units and objects, and change nothing."""
@@ -272,14 +348,19 @@ class Drive(SdoChannel):
         if state is None:
             return ''  # the drive is absent, or its reset shows the problem
         velocity = monitor.axis.si_per_unit.velocity * (
-            read_optional(self, pdo.VELOCITY, 0, signed=True) or 0)
+            read_optional(self, pdo.VELOCITY, 0, signed=True) or 0
+        )
         if abs(velocity) > REST_SPEED:
             return f'{monitor.title} moves at {velocity:.3g} m/s'
         watched = read_optional(self, *monitor.profile.heartbeat_consumer) or 0
         node, timeout = divmod(watched, 1 << 16)
-        misses_us = (node == pdo.MASTER_NODE_ID
-                     and 0 < timeout <= 1e3 * self._settings.heartbeat_timeout)
-        if state in POWERED_STATES and not (misses_us and state is State.QUICK_STOP_ACTIVE):
+        misses_us = (
+            node == pdo.MASTER_NODE_ID
+            and 0 < timeout <= 1e3 * self._settings.heartbeat_timeout
+        )
+        if state in POWERED_STATES and not (
+            misses_us and state is State.QUICK_STOP_ACTIVE
+        ):
             return f'{monitor.title} has power ({state.value})'
         if monitor.nmt_state == 'OPERATIONAL' and not misses_us:
             return f'{monitor.title} is operational'
@@ -287,7 +368,9 @@ class Drive(SdoChannel):
 
     def switch_off(self) -> State | None:
         """Switch the drive off; return its state, None without an answer."""
-        with suppress(DriveError, BusError):  # a drive that does not answer is asked once more
+        with suppress(
+            DriveError, BusError
+        ):  # a drive that does not answer is asked once more
             self.write(pdo.CONTROLWORD, 0, bytes(2))  # disable voltage
         return self._state()
 

@@ -21,9 +21,18 @@ from typing import Any
 from facade_manipulator.drives import realtime
 from facade_manipulator.drives.controller_settings import STATES_RATE
 from facade_manipulator.drives.requests import CLOSING_TIMEOUT, REQUESTS, Session
-from facade_manipulator.drives.snapshot import Cause, ControllerSnapshot, ControllerState
+from facade_manipulator.drives.snapshot import (
+    Cause,
+    ControllerSnapshot,
+    ControllerState,
+)
 from facade_manipulator.drives.targets import allow_anything
-from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
+from facade_manipulator.errors import (
+    BusError,
+    DriveError,
+    DriveStateError,
+    ManipulatorError,
+)
 
 IDLE_WAIT = 1.0  # s, unless a request wakes the thread
 NEXT_STEPS = {
@@ -63,10 +72,14 @@ class DriveController(Session):
         self._wake = threading.Event()
         self._rejected: tuple[str, ...] = ()
         self._remedy = ''  # of a forbidden power
-        self._every = ceil(self.settings.rate / STATES_RATE)  # cycles from state to state
+        self._every = ceil(
+            self.settings.rate / STATES_RATE
+        )  # cycles from state to state
         self._priority: int | None = None
         self._publish()
-        self._thread = threading.Thread(target=self._run, name='drive control', daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, name='drive control', daemon=True
+        )
 
     def start(self) -> None:
         """Start the control thread; a test without one calls `turn` instead."""
@@ -110,8 +123,10 @@ class DriveController(Session):
         try:
             return self.request('close').result(timeout)
         except TimeoutError:
-            raise DriveError('the control loop does not end, the power of the drives is '
-                             'unknown; next: switch their supply off') from None
+            raise DriveError(
+                'the control loop does not end, the power of the drives is '
+                'unknown; next: switch their supply off'
+            ) from None
         finally:
             self._thread.join(timeout)
 
@@ -120,7 +135,9 @@ class DriveController(Session):
     def _run(self) -> None:
         self._rejected = tuple(realtime.request_realtime(self.settings))
         self._priority = realtime.realtime_priority()
-        for line in self._rejected or ([] if self._priority else [realtime.NO_PRIORITY]):
+        for line in self._rejected or (
+            [] if self._priority else [realtime.NO_PRIORITY]
+        ):
             _log.info(line)
         while not self.is_closed:
             self.turn()
@@ -135,7 +152,9 @@ class DriveController(Session):
             if self._operation is not None and self._operation.name != 'close':
                 self._reply(self._operation, error)
             self._publish()
-        except Exception as error:  # the drives depend on the control thread, which must continue
+        except (
+            Exception
+        ) as error:  # the drives depend on the control thread, which must continue
             self._recover(error)
 
     def _turn(self) -> None:
@@ -151,8 +170,13 @@ class DriveController(Session):
             self.exchange.stop_for(Cause(self.forbidden, cut_power=True))
         if self._operation is not None:
             self._resume(self._operation)
-        cycles = self.exchange.clock.statistics.cycles if self.exchange is not None else 0
-        if cycles % self._every == 0 or self._present_state() is not self._snapshot.state:
+        cycles = (
+            self.exchange.clock.statistics.cycles if self.exchange is not None else 0
+        )
+        if (
+            cycles % self._every == 0
+            or self._present_state() is not self._snapshot.state
+        ):
             self._publish()
         if self.is_configured and cycles % self.settings.rate == 0:
             realtime.collect_garbage()
@@ -163,9 +187,13 @@ class DriveController(Session):
         if running is not None and not request.interrupts:
             reason = f'while {running.name} is under way'
         elif request.needs_drives not in (None, self.is_configured):
-            reason = f'while the drives are {"" if self.is_configured else "not "}configured'
+            reason = (
+                f'while the drives are {"" if self.is_configured else "not "}configured'
+            )
         if reason:
-            self._reply(operation, DriveStateError(f'{operation.name} is not possible {reason}'))
+            self._reply(
+                operation, DriveStateError(f'{operation.name} is not possible {reason}')
+            )
             return
         self._resume(operation)
         if running is not None and (self.is_closed or not operation.future.done()):
@@ -197,7 +225,8 @@ class DriveController(Session):
             operation.future.set_exception(result)
         else:
             operation.future.set_result(
-                self._explained(result) if isinstance(result, str) else result)
+                self._explained(result) if isinstance(result, str) else result
+            )
 
     def _explained(self, message: str) -> str:
         """Return a reply with the present power and next step."""
@@ -208,19 +237,24 @@ class DriveController(Session):
     def _reject_rest(self) -> None:
         while self._requests:
             self._requests.popleft().future.set_exception(
-                DriveStateError('the drive controller is closed'))
+                DriveStateError('the drive controller is closed')
+            )
 
     def _recover(self, error: Exception) -> None:
         """Stop the drives for an unexpected error; the loop continues."""
         _log.exception('the control loop failed')
-        cause = Cause(f'the control loop failed: {type(error).__name__}: {error}', 'report this')
+        cause = Cause(
+            f'the control loop failed: {type(error).__name__}: {error}', 'report this'
+        )
         if self.exchange is not None:
             with suppress(BusError):
                 self.exchange.stop_for(cause)
         if self.is_configured:
             self.group.stop(cause, self.now)
         self._wake.clear()
-        self.clock.wait(self._wake, self.settings.period)  # a lasting error takes no CPU
+        self.clock.wait(
+            self._wake, self.settings.period
+        )  # a lasting error takes no CPU
 
     # --- the snapshot
 
@@ -228,16 +262,31 @@ class DriveController(Session):
         """Replace the snapshot: at 100 Hz, in each new state and when a request ends."""
         state, now = self._present_state(), self.now
         snapshot = ControllerSnapshot(
-            state, None,
-            tuple([one.snapshot(target, now) for one, target in zip(
-                self.monitors, self.targets.positions or (None,) * 3, strict=True)]),
-            self.group.causes, self._next_step(state), self._rejected + self.notes,
-            bus_error=self.lost, realtime_priority=self._priority)
+            state,
+            None,
+            tuple(
+                [
+                    one.snapshot(target, now)
+                    for one, target in zip(
+                        self.monitors,
+                        self.targets.positions or (None,) * 3,
+                        strict=True,
+                    )
+                ]
+            ),
+            self.group.causes,
+            self._next_step(state),
+            self._rejected + self.notes,
+            bus_error=self.lost,
+            realtime_priority=self._priority,
+        )
         if self.exchange is not None:
             clock = self.exchange.clock
             snapshot = snapshot._replace(
-                stamp=clock.sync_stamp or None, cycle=replace(clock.statistics),
-                bus=replace(self.exchange.bus.statistics))
+                stamp=clock.sync_stamp or None,
+                cycle=replace(clock.statistics),
+                bus=replace(self.exchange.bus.statistics),
+            )
         self._snapshot = snapshot
         self.observe(snapshot)
 
@@ -257,7 +306,9 @@ class DriveController(Session):
         if cause is not None and self.group.is_stopped:
             step = cause.next_step(not self.unhomed)
             return f'{self._remedy}, {step}' if self._remedy else step
-        requests = NEXT_STEPS.get(state, f'wait until the drives are no longer {state.value}')
+        requests = NEXT_STEPS.get(
+            state, f'wait until the drives are no longer {state.value}'
+        )
         is_off = state in (ControllerState.UNCONFIGURED, ControllerState.INACTIVE)
         if state is ControllerState.INACTIVE and self.unhomed:
             requests = 'home, activate'

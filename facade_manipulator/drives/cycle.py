@@ -13,14 +13,25 @@ import math
 
 from facade_manipulator.drives.snapshot import Cause, CycleStatistics, Remedy
 
-ANSWERS_DUE = 0.7  # of the period after SYNC: do not wait longer for the drives' answers
+ANSWERS_DUE = (
+    0.7  # of the period after SYNC: do not wait longer for the drives' answers
+)
 COMMANDS_DUE = 0.8  # later commands might collide with the kernel's next SYNC
 MIN_GAP = 0.2  # between our commands and our next SYNC
-OTHERS_DUE = 0.3  # of the period: how long after a late first answer the others may come
-FIRST_ANSWER_DUE = 3.0  # for the first answer: a late computer is not a loss of all drives
-SYNC_OVERDUE, SYNC_MISSING = 1.5, 2.5  # of the period: with all frames read, with some waiting
+OTHERS_DUE = (
+    0.3  # of the period: how long after a late first answer the others may come
+)
+FIRST_ANSWER_DUE = (
+    3.0  # for the first answer: a late computer is not a loss of all drives
+)
+SYNC_OVERDUE, SYNC_MISSING = (
+    1.5,
+    2.5,
+)  # of the period: with all frames read, with some waiting
 SYNC_TOO_EARLY = 0.5  # of a period: an earlier one is foreign
-JITTER = 0.25  # of the period: a SYNC that is farther from its expected time sets a new one
+JITTER = (
+    0.25  # of the period: a SYNC that is farther from its expected time sets a new one
+)
 JITTER_SHARE = 0.05  # share of the jitter that moves the smoothed stamp
 LATE_WINDOW = 500  # cycles over which the share of late cycles is counted
 
@@ -49,12 +60,18 @@ class CycleClock:
         self.held = 0.0
         self._drives = drives
         self._answers = 0  # to the newest SYNC
-        self._commanded: float | None = None  # the last SYNC after which commands were sent
+        self._commanded: float | None = (
+            None  # the last SYNC after which commands were sent
+        )
         self._next_sync = 0.0
         self.statistics = CycleStatistics()
         self._late_before = 0  # the present window
-        self._is_doubled = False  # whether an unexpected SYNC of the kernel came since the last
-        self._waits_since = math.inf  # a step of our own SYNC, for frames that came before
+        self._is_doubled = (
+            False  # whether an unexpected SYNC of the kernel came since the last
+        )
+        self._waits_since = (
+            math.inf
+        )  # a step of our own SYNC, for frames that came before
 
     def start(self, now: float) -> None:
         """Expect the first SYNC of the kernel, or send the first SYNC now, at a time [s]."""
@@ -66,15 +83,34 @@ class CycleClock:
     def causes(self, bound: int, is_powered: bool) -> list[Cause]:
         """Return the causes of a stop: late loop, missing or doubled SYNC, `bound` times."""
         return [
-            Cause(f'{failure.format(count)}, bound {bound}', remedy, configure_again=is_lasting)
+            Cause(
+                f'{failure.format(count)}, bound {bound}',
+                remedy,
+                configure_again=is_lasting,
+            )
             for count, failure, remedy, is_lasting in (
-                (self.late_in_a_row if is_powered else 0,
-                 'the control loop was late {} cycles in a row', Remedy.COMPUTER, False),
-                (self.overdue_in_a_row, 'the kernel sent no SYNC for {} periods',
-                 'check the interface and its driver', True),
-                (self.doubled_in_a_row, 'another master is on the bus, SYNC (080h) was received '
-                 'between ours in {} periods', Remedy.OTHER_MASTER, False))
-            if count >= bound]
+                (
+                    self.late_in_a_row if is_powered else 0,
+                    'the control loop was late {} cycles in a row',
+                    Remedy.COMPUTER,
+                    False,
+                ),
+                (
+                    self.overdue_in_a_row,
+                    'the kernel sent no SYNC for {} periods',
+                    'check the interface and its driver',
+                    True,
+                ),
+                (
+                    self.doubled_in_a_row,
+                    'another master is on the bus, SYNC (080h) was received '
+                    'between ours in {} periods',
+                    Remedy.OTHER_MASTER,
+                    False,
+                ),
+            )
+            if count >= bound
+        ]
 
     def answer(self, now: float) -> None:
         """
@@ -89,7 +125,9 @@ class CycleClock:
             self.next_event = now
         elif self._answers == 1 and not self.has_kernel_sync:
             self.next_event = max(
-                self.sync_time + ANSWERS_DUE * self.period, now + OTHERS_DUE * self.period)
+                self.sync_time + ANSWERS_DUE * self.period,
+                now + OTHERS_DUE * self.period,
+            )
 
     def is_unexpected(self, time: float) -> bool:
         """Return whether a SYNC at a time [s] is too early for the period of the kernel."""
@@ -112,9 +150,14 @@ class CycleClock:
             self.statistics.skipped += 1
             self._next_sync = time + SYNC_OVERDUE * self.period
         else:
-            self.statistics.skipped += max(0, int((time - self._next_sync) / self.period))
-            self._next_sync = max(  # keep the phase, but never squeeze a cycle to catch up
-                self._next_sync + self.period, time + COMMANDS_DUE * self.period)
+            self.statistics.skipped += max(
+                0, int((time - self._next_sync) / self.period)
+            )
+            self._next_sync = (
+                max(  # keep the phase, but never squeeze a cycle to catch up
+                    self._next_sync + self.period, time + COMMANDS_DUE * self.period
+                )
+            )
             self._waits_since = math.inf
         self._open(time, stamp)
 
@@ -146,7 +189,9 @@ class CycleClock:
         periods = round((stamp - self.smooth_stamp) / self.period)
         expected = self.smooth_stamp + periods * self.period
         is_new = not self.smooth_stamp or abs(stamp - expected) > JITTER * self.period
-        self.smooth_stamp = stamp if is_new else expected + JITTER_SHARE * (stamp - expected)
+        self.smooth_stamp = (
+            stamp if is_new else expected + JITTER_SHARE * (stamp - expected)
+        )
         self._answers = 0
         share = ANSWERS_DUE if self.has_kernel_sync else FIRST_ANSWER_DUE
         self.next_event = time + share * self.period
@@ -169,7 +214,9 @@ class CycleClock:
         self.late_in_a_row = 0 if in_time else self.late_in_a_row + 1
         if in_time:  # note how many periods passed without commands before those that are sent now
             before, self._commanded = self._commanded, self.sync_time
-            periods = 1 if before is None else round((self.sync_time - before) / self.period)
+            periods = (
+                1 if before is None else round((self.sync_time - before) / self.period)
+            )
             self.held = max(0, periods - 1) * self.period
         if not self.has_kernel_sync:
             self._next_sync = max(self._next_sync, now + MIN_GAP * self.period)

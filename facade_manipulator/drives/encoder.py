@@ -14,7 +14,9 @@ JUMP_MARGIN = 2.0  # of the acceleration that a carriage is allowed
 JUMP_JITTER = 0.5  # of the way since the last answer, for an early or late SYNC
 TOO_SOON = 0.5  # of the period: closer positions show no speed
 DOUBTFUL = 0.5  # of the bound: noise, jitter and acceleration cause smaller jumps
-MOST_SLIPPED = 0.01  # m, sum of doubtful jumps since homing: half the distance that carriages keep
+MOST_SLIPPED = (
+    0.01  # m, sum of doubtful jumps since homing: half the distance that carriages keep
+)
 
 
 class Encoder:
@@ -28,7 +30,9 @@ class Encoder:
         #: whether the position is that of the carriage
         self.homed = False
         self._metres = axis.to_metres(1.0)
-        self._compared: int | None = None  # the position that the next one is compared with
+        self._compared: int | None = (
+            None  # the position that the next one is compared with
+        )
         self._acceleration = max(axis.max_acceleration, axis.stop_deceleration)
         self._period = self._elapsed = period
         self._time = self._slipped = 0.0
@@ -50,7 +54,10 @@ class Encoder:
     def receive(self, counts: int, time: float) -> str:
         """Receive a position [counts] at a time [s]; return why it is distrusted, or ``''``."""
         self.counts = counts
-        if self._compared is not None and 0.0 <= time - self._time < TOO_SOON * self._period:
+        if (
+            self._compared is not None
+            and 0.0 <= time - self._time < TOO_SOON * self._period
+        ):
             return ''  # the answer to a second SYNC: the next position is compared with the first
         before, self._compared = self._compared, counts
         elapsed, self._time = max(time - self._time, self._period), time
@@ -62,14 +69,18 @@ class Encoder:
         self.speed = moved / elapsed
         jump = abs(moved - expected)
         bound = (  # of mean speeds
-            JUMP_NOISE + JUMP_MARGIN * self._acceleration * 0.5 * (earlier + elapsed) * elapsed
-            + JUMP_JITTER * abs(expected))
+            JUMP_NOISE
+            + JUMP_MARGIN * self._acceleration * 0.5 * (earlier + elapsed) * elapsed
+            + JUMP_JITTER * abs(expected)
+        )
         self._slipped += jump if jump > DOUBTFUL * bound else 0.0
         if not self.homed or (jump <= bound and self._slipped <= MOST_SLIPPED):
             return ''
         self.distrust()
         distrust = (
-            f'has jumped by {jump:.4g} m, bound {bound:.4g} m' if jump > bound else
-            f'has slipped by {self._slipped:.4g} m in all since homing, '
-            f'bound {MOST_SLIPPED:g} m')
+            f'has jumped by {jump:.4g} m, bound {bound:.4g} m'
+            if jump > bound
+            else f'has slipped by {self._slipped:.4g} m in all since homing, '
+            f'bound {MOST_SLIPPED:g} m'
+        )
         return f'{distrust}: it can no longer be trusted'

@@ -29,7 +29,9 @@ from facade_manipulator.errors import BusError
 LONGEST_WAIT = 0.02  # s, after which requests are read
 LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
 _EMERGENCY_LENGTH = 8
-Route = tuple[int | None, Callable[[Frame], Cause | None]]  # length of the data, receiver
+Route = tuple[
+    int | None, Callable[[Frame], Cause | None]
+]  # length of the data, receiver
 _OPERATIONAL = bytes([5])  # state of this master in its heartbeat
 _IGNORED: Route = (-1, lambda _: None)
 _MASTER_HEARTBEAT = pdo.HEARTBEAT + pdo.MASTER_NODE_ID
@@ -44,7 +46,11 @@ class CyclicExchange:
     """
 
     def __init__(
-        self, bus: CanBus, group: Group, targets: TargetSupervisor, settings: ControllerSettings,
+        self,
+        bus: CanBus,
+        group: Group,
+        targets: TargetSupervisor,
+        settings: ControllerSettings,
         clock: Clock,
     ) -> None:
         monitors = group.monitors
@@ -55,7 +61,9 @@ class CyclicExchange:
         self.has_started = False  #: whether the cycle has started
         serials = {one.axis.serial_number: one.name for one in monitors}
         #: the objects of the drives; worker threads use them and receive the answers from here
-        self.drives = tuple(Drive(bus, one, settings, clock, serials) for one in monitors)
+        self.drives = tuple(
+            Drive(bus, one, settings, clock, serials) for one in monitors
+        )
         self.clock = CycleClock(settings.period, len(monitors), bus.has_kernel_sync)
         #: requested stops; any thread may append
         self.stops: deque[Cause] = deque(maxlen=16)
@@ -67,19 +75,26 @@ class CyclicExchange:
         self._waits_for_sync = False
         #: `read_until`: time [s] until which all received frames have been read
         self._pumped = self._sent = self.read_until = self._now()
-        self._routes: dict[int, Route] = {  # this master does not receive its own frames
+        self._routes: dict[
+            int, Route
+        ] = {  # this master does not receive its own frames
             cob_id: (None, partial(self._on_other_master, *frame))
             for cob_id, frame in pdo.frames_of_masters(
-                one.axis.node_id for one in monitors).items()}
+                one.axis.node_id for one in monitors
+            ).items()
+        }
         for monitor, drive in zip(monitors, self.drives, strict=True):
             node = monitor.axis.node_id
             self._routes |= {
                 pdo.EMERGENCY + node: (_EMERGENCY_LENGTH, monitor.receive_emergency),
                 pdo.HEARTBEAT + node: (1, monitor.receive_heartbeat),
-                pdo.SDO_RESPONSE + node: (SDO_FRAME_LENGTH, drive.receive)}
+                pdo.SDO_RESPONSE + node: (SDO_FRAME_LENGTH, drive.receive),
+            }
             for tpdo in monitor.tpdos:
                 self._routes[tpdo.cob_id(node)] = (
-                    tpdo.codec.size, partial(self._on_tpdo, monitor, tpdo))
+                    tpdo.codec.size,
+                    partial(self._on_tpdo, monitor, tpdo),
+                )
         bus.listen_to(tuple(self._routes))
 
     # --- receiving
@@ -91,14 +106,23 @@ class CyclicExchange:
             if cause is not None:
                 self.stop_for(cause)
 
-    def _on_other_master(self, name: str, commands_drives: bool, _: Frame) -> Cause | None:
+    def _on_other_master(
+        self, name: str, commands_drives: bool, _: Frame
+    ) -> Cause | None:
         """Return the cause of a stop; raise a BusError until this master starts its cycle."""
         if not self.has_started:
             raise BusError(
                 f'another master uses this bus: {name} was received; end that master (a second '
-                'driver, a configuration tool), or open another bus')
-        return None if not commands_drives else Cause(
-            f'another master is on the bus, {name} was received', Remedy.OTHER_MASTER)
+                'driver, a configuration tool), or open another bus'
+            )
+        return (
+            None
+            if not commands_drives
+            else Cause(
+                f'another master is on the bus, {name} was received',
+                Remedy.OTHER_MASTER,
+            )
+        )
 
     def _on_sync(self, frame: Frame) -> None:
         if not self.clock.is_unexpected(frame.time):
@@ -144,16 +168,24 @@ class CyclicExchange:
 
     def _pump(self) -> None:
         """Wait for the next frame or deadline, and handle the frame."""
-        clock, heartbeat = self.clock, self._next_heartbeat if self.transmits else math.inf
+        clock, heartbeat = (
+            self.clock,
+            self._next_heartbeat if self.transmits else math.inf,
+        )
         frame = self.bus.receive(
-            min(self._pumped + LONGEST_WAIT, heartbeat, clock.next_event) - self._now())
+            min(self._pumped + LONGEST_WAIT, heartbeat, clock.next_event) - self._now()
+        )
         now = self._now()
         pause, self._pumped = now - self._pumped, now
         if pause > self._settings.heartbeat_timeout:
             # the drives are not silent, because their frames still wait
-            self.stop_for(Cause(
-                f'the control loop was paused for {1e3 * pause:.0f} ms, '
-                f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms', Remedy.COMPUTER))
+            self.stop_for(
+                Cause(
+                    f'the control loop was paused for {1e3 * pause:.0f} ms, '
+                    f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms',
+                    Remedy.COMPUTER,
+                )
+            )
         while self.stops:
             self.stop_for(self.stops.popleft())
         self.read_until = now if frame is None else frame.time
@@ -170,7 +202,9 @@ class CyclicExchange:
         clock = self.clock
         if self._waits_for_sync:
             self._send_commands()
-        if now < clock.next_event or (frame is not None and clock.may_wait(now, frame.time)):
+        if now < clock.next_event or (
+            frame is not None and clock.may_wait(now, frame.time)
+        ):
             return
         if clock.is_open:
             self._step(now)
@@ -188,8 +222,12 @@ class CyclicExchange:
             monitor.at_rest = monitor.at_rest and may_rest
         targets.supervise(now)
         if group.state is not ControllerState.STOPPED:
-            for cause in (*self._silences(), *self.clock.causes(
-                    self._settings.max_missed_cycles, group.state.has_power)):
+            for cause in (
+                *self._silences(),
+                *self.clock.causes(
+                    self._settings.max_missed_cycles, group.state.has_power
+                ),
+            ):
                 group.stop(cause, now)
         taken_out = set(group.not_responding)
         group.step(now)
@@ -207,8 +245,11 @@ class CyclicExchange:
         The age of frames counts until the last frame that was read: others may wait to be read.
         """
         monitors = self.group.monitors
-        causes = [cause for one in monitors
-                  if (cause := one.silence(self.read_until)) is not None]
+        causes = [
+            cause
+            for one in monitors
+            if (cause := one.silence(self.read_until)) is not None
+        ]
         if len(causes) == len(monitors):
             remedy = Remedy.COMPUTER if self.bus.is_virtual else Remedy.BUS
             return [Cause(f'no drive answers any longer: {causes[0].message}', remedy)]
@@ -226,9 +267,16 @@ class CyclicExchange:
         self._waits_for_sync = not self.clock.has_time(self._now())
         if self._waits_for_sync:
             return
-        frames = [frame for one, command, counts in zip(
-            self.group.monitors, self.group.commands, self._targets.counts, strict=True)
-            for frame in one.encode(command, counts)]
+        frames = [
+            frame
+            for one, command, counts in zip(
+                self.group.monitors,
+                self.group.commands,
+                self._targets.counts,
+                strict=True,
+            )
+            for frame in one.encode(command, counts)
+        ]
         for cob_id, data in frames:  # all are encoded before any is sent
             self._send(cob_id, data)
 

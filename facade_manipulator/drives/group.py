@@ -16,7 +16,13 @@ from facade_manipulator.drives.homing import Homing
 from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.plans import Plan
 from facade_manipulator.drives.snapshot import Cause, ControllerState
-from facade_manipulator.drives.states import AxisCommand, Controlword, decode_state, Mode, Status
+from facade_manipulator.drives.states import (
+    AxisCommand,
+    Controlword,
+    decode_state,
+    Mode,
+    Status,
+)
 from facade_manipulator.errors import DriveStateError
 
 MAX_FURTHER_CAUSES = 8
@@ -45,7 +51,9 @@ class Group:
 
     """
 
-    def __init__(self, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings) -> None:
+    def __init__(
+        self, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings
+    ) -> None:
         self.monitors = monitors
         self._settings = settings
         self.causes: tuple[Cause, ...] = ()
@@ -92,7 +100,11 @@ class Group:
         is_off = self.state is ControllerState.INACTIVE
         self._require('activate', is_halted or is_off, is_settled=True)
         self._begin(
-            plans.FOLLOW if is_halted else plans.enable_plan(self._settings.hold_cycles), now)
+            plans.FOLLOW
+            if is_halted
+            else plans.enable_plan(self._settings.hold_cycles),
+            now,
+        )
 
     def home(self, now: float) -> None:
         """
@@ -102,7 +114,8 @@ class Group:
         """
         self._require('home', self.state is ControllerState.INACTIVE, is_settled=True)
         self.homing = tuple(
-            Homing(one.name, one.axis, self._settings.period) for one in self.monitors)
+            Homing(one.name, one.axis, self._settings.period) for one in self.monitors
+        )
         self._begin(plans.HOME, now)
 
     def disable(self, now: float) -> None:
@@ -142,13 +155,20 @@ class Group:
         self._require('clear_faults', self.state is ControllerState.STOPPED)
         severest = self.severest_cause
         if severest is not None and severest.configure_again:
-            raise DriveStateError(f'clear_faults cannot clear this stop: {severest.message}')
+            raise DriveStateError(
+                f'clear_faults cannot clear this stop: {severest.message}'
+            )
 
     def stop(self, cause: Cause, now: float) -> None:
         """Quick stop all axes and stay stopped; the first cause is kept, later ones are added."""
         first, further = self.causes[:1], self.causes[1:]
-        if any(one.is_vague and not cause.is_vague and one.axis == cause.axis
-               and one.configure_again <= cause.configure_again for one in first):
+        if any(
+            one.is_vague
+            and not cause.is_vague
+            and one.axis == cause.axis
+            and one.configure_again <= cause.configure_again
+            for one in first
+        ):
             self.causes = (cause, *further)  # the later cause says why the drive fails
         elif cause not in self.causes:
             self.causes = first + (*further, cause)[-MAX_FURTHER_CAUSES:]
@@ -180,10 +200,18 @@ class Group:
                 self.not_responding.clear()
         if self.state is ControllerState.HOMING:
             due = self._due_rank()
-            self.commands = tuple(AxisCommand(
-                Controlword.ENABLE_OPERATION | (
-                    Controlword.HOMING_START if one.rank == due and not one.is_homed else 0),
-                self._mode) for one in self.homing)
+            self.commands = tuple(
+                AxisCommand(
+                    Controlword.ENABLE_OPERATION
+                    | (
+                        Controlword.HOMING_START
+                        if one.rank == due and not one.is_homed
+                        else 0
+                    ),
+                    self._mode,
+                )
+                for one in self.homing
+            )
         return self.commands
 
     def _due_rank(self) -> int:
@@ -219,12 +247,16 @@ class Group:
         elif self.follows and self.state is not ControllerState.ACTIVATING:
             failure = one.disobedience
         has_mode = step.mode is None or one.mode in (None, step.mode)
-        has_arrived = state in step.goal and has_mode and (one.at_rest or not step.to_rest)
+        has_arrived = (
+            state in step.goal and has_mode and (one.at_rest or not step.to_rest)
+        )
         may_stay = state in step.goal or state in step.via
         if may_stay and not failure and (has_arrived or now <= self._deadline):
             return '', has_arrived and self._cycles >= step.min_cycles
-        found = [f'in {f"the state {state.value}" if state else "no state of CiA 402"} '
-                 f'(statusword {one.statusword:04X}h)']
+        found = [
+            f'in {f"the state {state.value}" if state else "no state of CiA 402"} '
+            f'(statusword {one.statusword:04X}h)'
+        ]
         if state in plans.FAULT_STATES:
             found.append(one.error or 'the drive sent no error code')
         if not has_mode:
@@ -233,28 +265,36 @@ class Group:
             found.append('still moving')
         if missed := one.answers.missed_in_a_row:
             found.append(f'by its last answer, {missed} cycles ago')
-        return (f'{one.name} {failure or f"did not {step.purpose}"}: '
-                f'it is {", ".join(found)}'), False
+        return (
+            f'{one.name} {failure or f"did not {step.purpose}"}: '
+            f'it is {", ".join(found)}'
+        ), False
 
     def _fail(self, name: str, failure: str, now: float) -> None:
         if self.state is not ControllerState.STOPPED:
             self.stop(Cause(failure, axis=name, is_vague=True), now)
-        elif name not in self.not_responding and (self.has_stopped or now > self._deadline):
+        elif name not in self.not_responding and (
+            self.has_stopped or now > self._deadline
+        ):
             self.not_responding.add(name)
             remedy = 'switch the power of the drives off, check why they keep it'
             self.stop(Cause(failure, remedy, name, configure_again=True), now)
             self._begin(plans.CUT_POWER, now)
 
-    def _require(self, request: str, is_possible: bool, is_settled: bool = False) -> None:
+    def _require(
+        self, request: str, is_possible: bool, is_settled: bool = False
+    ) -> None:
         """Raise a DriveStateError if a request is impossible, or must wait for a step."""
         if not is_possible:
             reason = f': {self.reason}' if self.causes else ''
             raise DriveStateError(
-                f'{request} is not possible while the drives are {self.state.value}{reason}')
+                f'{request} is not possible while the drives are {self.state.value}{reason}'
+            )
         if is_settled and not self.is_settled:
             raise DriveStateError(
                 f'{request} is not possible yet, not every drive has confirmed that it is '
-                f'{self.state.value}; next: try again')
+                f'{self.state.value}; next: try again'
+            )
 
     def _begin(self, plan: Plan, now: float) -> None:
         self._plan, step = plan, plan[0]
@@ -264,5 +304,8 @@ class Group:
         self._mode = self._mode if step.mode is None else step.mode
         self.commands = (AxisCommand(step.controlword, self._mode),) * len(AXIS_NAMES)
         self._cycles = 0
-        self._deadline = now + (self._settings.ramp_timeout if self.is_ramping
-                                else self._settings.step_timeout)
+        self._deadline = now + (
+            self._settings.ramp_timeout
+            if self.is_ramping
+            else self._settings.step_timeout
+        )

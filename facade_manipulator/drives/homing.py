@@ -33,7 +33,7 @@ class Homing:
         self._tolerance = HOME_TOLERANCE
         if self._has_motion:
             speed = axis.homing_zero_share * axis.homing_speed
-            braking = speed * period + speed ** 2 / (2.0 * axis.homing_acceleration)
+            braking = speed * period + speed**2 / (2.0 * axis.homing_acceleration)
             self._tolerance = abs(axis.to_counts(HOME_NOISE + braking))
         stroke = axis.upper_limit - axis.lower_limit
         self._timeout = axis.homing_strokes * stroke / axis.homing_speed
@@ -61,16 +61,23 @@ class Homing:
         if statusword & _OUTCOME == _SUCCESS and is_new:
             self.is_homed = is_there
             self._cycles_elsewhere += 1
-            return '' if is_there or self._cycles_elsewhere <= SETTLING_CYCLES else (
-                f'{self._name}: homing ended {self._axis.to_metres(away):+.4g} m from the '
-                'configured home_position: check the homing method; where it is twice '
-                'home_position, the drive takes 607Ch with the other sign (home_offset in its '
-                'profile)')
+            return (
+                ''
+                if is_there or self._cycles_elsewhere <= SETTLING_CYCLES
+                else (
+                    f'{self._name}: homing ended {self._axis.to_metres(away):+.4g} m from the '
+                    'configured home_position: check the homing method; where it is twice '
+                    'home_position, the drive takes 607Ch with the other sign (home_offset in its '
+                    'profile)'
+                )
+            )
         if statusword & Status.HOMING_ERROR and has_settled:
             failure = 'homing failed, the drive reports a homing error'
         elif self._cycles > self._most_cycles:
             failure = f'homing took longer than {self._timeout:g} s'
         else:
             return ''
-        return (f'{self._name}: {failure} (statusword {statusword:04X}h): '
-                'check switch, hard stop and homing method')
+        return (
+            f'{self._name}: {failure} (statusword {statusword:04X}h): '
+            'check switch, hard stop and homing method'
+        )

@@ -26,7 +26,9 @@ from facade_manipulator.drives.snapshot import AxisSnapshot, Cause, Remedy
 from facade_manipulator.drives.states import AxisCommand, State, Status, STATUSWORDS
 from facade_manipulator.errors import DriveStateError
 
-ENCODER_REMEDY = 'check whether the carriage was pushed, check the encoder and its cable'
+ENCODER_REMEDY = (
+    'check whether the carriage was pushed, check the encoder and its cable'
+)
 SYNC_TOLERANCE = 0.001  # s, maximum error between the stamps of a SYNC and its answers
 REST_SPEED = 0.002  # m/s, below which a carriage is at rest
 ENABLED_MASK, ENABLED = STATUSWORDS[State.OPERATION_ENABLED]
@@ -38,7 +40,9 @@ def positions_of(monitors: tuple[AxisMonitor, ...]) -> Triple:
     """Return the positions of the carriages [m]; raise a DriveStateError if one is unknown."""
     q1, q2, q3 = [one.position for one in monitors]
     if q1 is None or q2 is None or q3 is None:
-        raise DriveStateError('not every drive has sent its position yet; next: try again')
+        raise DriveStateError(
+            'not every drive has sent its position yet; next: try again'
+        )
     return q1, q2, q3
 
 
@@ -52,7 +56,9 @@ class Answers:
 
     def __init__(self, tpdos: tuple[Pdo, ...], rate: int) -> None:
         #: the last SYNC that each TPDO of every SYNC has answered [s]
-        self._answered = {one.name: -inf for one in tpdos if one.transmission(rate) == 1}
+        self._answered = {
+            one.name: -inf for one in tpdos if one.transmission(rate) == 1
+        }
         #: `newest`: time of the last SYNC that the drive has answered completely [s]
         self.newest = self._before = -inf
         #: names of the TPDOs that were never received
@@ -91,10 +97,16 @@ class AxisMonitor:
     """
 
     def __init__(
-        self, name: str, axis: AxisSettings, settings: ControllerSettings, profile: DriveProfile
+        self,
+        name: str,
+        axis: AxisSettings,
+        settings: ControllerSettings,
+        profile: DriveProfile,
     ) -> None:
         self.name = name
-        self.title = f'{name} (node {axis.node_id})'  #: name and node id for the operator
+        self.title = (
+            f'{name} (node {axis.node_id})'  #: name and node id for the operator
+        )
         self.axis = axis
         self.profile = profile
         self.tpdos = tuple(one for one in profile.pdos if one.is_transmitted)
@@ -117,10 +129,14 @@ class AxisMonitor:
         self.stops_without_master = False
         self._rpdos = tuple(
             (one.cob_id(axis.node_id), one.codec.pack, one.indices)
-            for one in profile.pdos if not one.is_transmitted)
+            for one in profile.pdos
+            if not one.is_transmitted
+        )
         units = dict(zip(MEASURED_OBJECTS, axis.si_per_unit, strict=True))
         self._units = {
-            one.name: [units.get(index, 1) for index in one.indices] for one in self.tpdos}
+            one.name: [units.get(index, 1) for index in one.indices]
+            for one in self.tpdos
+        }
         # one count in a cycle is not a motion
         self._rest_speed = REST_SPEED + abs(axis.si_per_unit.position) / settings.period
         self._values: dict[int, Any] = {}  # by index, in SI units where it is measured
@@ -132,12 +148,28 @@ class AxisMonitor:
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
         """Return the newest values, with the commanded target [m], at a time [s]."""
         age = self.heartbeat_time and now - self.heartbeat_time
-        position, velocity, force, following_error = map(self._values.get, MEASURED_OBJECTS)
+        position, velocity, force, following_error = map(
+            self._values.get, MEASURED_OBJECTS
+        )
         return AxisSnapshot(
-            self.name, self.axis.node_id, self._values.get(pdo.STATUSWORD), position, velocity,
-            force, following_error, self._values.get(pdo.INPUTS), self.encoder.homed,
-            self.error_code, age, self.answers.missed, self.serial_number, target,
-            age is not None and self.silence(now) is not None, self.error, self.warning)
+            self.name,
+            self.axis.node_id,
+            self._values.get(pdo.STATUSWORD),
+            position,
+            velocity,
+            force,
+            following_error,
+            self._values.get(pdo.INPUTS),
+            self.encoder.homed,
+            self.error_code,
+            age,
+            self.answers.missed,
+            self.serial_number,
+            target,
+            age is not None and self.silence(now) is not None,
+            self.error,
+            self.warning,
+        )
 
     def forget_errors(self) -> None:
         """Forget the errors and warnings of the drive."""
@@ -157,30 +189,49 @@ class AxisMonitor:
         """Return COB-ID and data of the RPDOs with a command and a target [counts]."""
         if self.boot_ups:  # the PDO mapping is lost
             return []
-        values = {pdo.CONTROLWORD: command.controlword, pdo.MODE_COMMAND: command.mode,
-                  pdo.TARGET: target}
-        return [(cob_id, pack(*[values[index] for index in indices]))
-                for cob_id, pack, indices in self._rpdos]
+        values = {
+            pdo.CONTROLWORD: command.controlword,
+            pdo.MODE_COMMAND: command.mode,
+            pdo.TARGET: target,
+        }
+        return [
+            (cob_id, pack(*[values[index] for index in indices]))
+            for cob_id, pack, indices in self._rpdos
+        ]
 
     def receive_tpdo(
         self, tpdo: Pdo, data: bytes, time: float, sync_time: float
     ) -> Cause | None:
         """Receive process data; return the cause of a stop, if any."""
         raw = tpdo.codec.unpack(data)
-        self._values.update(zip(tpdo.indices, map(mul, raw, self._units[tpdo.name]), strict=True))
+        self._values.update(
+            zip(tpdo.indices, map(mul, raw, self._units[tpdo.name]), strict=True)
+        )
         self.answers.receive(tpdo.name, time, sync_time)
         cause, code = None, self._values.get(pdo.ERROR_CODE, 0)
         is_in_fault = self._values.get(pdo.STATUSWORD, 0) & Status.FAULT
-        if (pdo.ERROR_CODE in tpdo.indices and is_in_fault and code != self.error_code
-                and not is_error_reset(code)):  # a drive may report its error only by 603Fh
+        if (
+            pdo.ERROR_CODE in tpdo.indices
+            and is_in_fault
+            and code != self.error_code
+            and not is_error_reset(code)
+        ):  # a drive may report its error only by 603Fh
             cause = self._receive_error(code)
         if pdo.POSITION not in tpdo.indices:
             return cause
         distrust = self.encoder.receive(raw[tpdo.indices.index(pdo.POSITION)], time)
         if not self._sends_velocity:
             self._values[pdo.VELOCITY] = self.encoder.speed
-        return cause if not distrust else Cause(
-            f'{self.title}: the position {distrust}', ENCODER_REMEDY, self.name, cut_power=True)
+        return (
+            cause
+            if not distrust
+            else Cause(
+                f'{self.title}: the position {distrust}',
+                ENCODER_REMEDY,
+                self.name,
+                cut_power=True,
+            )
+        )
 
     def receive_emergency(self, frame: Frame) -> Cause | None:
         """
@@ -206,8 +257,11 @@ class AxisMonitor:
         if meaning.loses_position:
             self.encoder.distrust()
         return Cause(
-            f'{self.title}: {self.error}', meaning.remedy, self.name,
-            cut_power=meaning.loses_position)
+            f'{self.title}: {self.error}',
+            meaning.remedy,
+            self.name,
+            cut_power=meaning.loses_position,
+        )
 
     def receive_heartbeat(self, frame: Frame) -> Cause | None:
         """Receive a heartbeat or boot-up message; return the cause of a stop, if any."""
@@ -218,11 +272,21 @@ class AxisMonitor:
         if self.nmt_state == 'INITIALISING':
             self.boot_ups += 1
             self.encoder.distrust()
-            return Cause(f'{self.title} has restarted by itself and has lost its position',
-                         Remedy.CONFIGURE, self.name, configure_again=True)
-        return None if self.nmt_state == 'OPERATIONAL' else Cause(
-            f'{self.title} is no longer operational (NMT state {number})', 'check the bus',
-            self.name)
+            return Cause(
+                f'{self.title} has restarted by itself and has lost its position',
+                Remedy.CONFIGURE,
+                self.name,
+                configure_again=True,
+            )
+        return (
+            None
+            if self.nmt_state == 'OPERATIONAL'
+            else Cause(
+                f'{self.title} is no longer operational (NMT state {number})',
+                'check the bus',
+                self.name,
+            )
+        )
 
     def end_cycle(self, sync_time: float) -> None:
         """Update the status for the group; a drive without any frame has no state."""
@@ -232,10 +296,15 @@ class AxisMonitor:
         self.counts = self.encoder.counts or 0
         self.statusword = word = values.get(pdo.STATUSWORD, 0)
         is_enabled = word & ENABLED_MASK == ENABLED
-        self.mode = values.get(pdo.MODE, 0) if is_enabled or not quirks.hides_mode else None
+        self.mode = (
+            values.get(pdo.MODE, 0) if is_enabled or not quirks.hides_mode else None
+        )
         velocity = values.get(pdo.VELOCITY)  # by the drive, and by its positions
-        self.at_rest = (velocity is not None and abs(velocity) < REST_SPEED
-                        and abs(self.encoder.speed) < self._rest_speed)
+        self.at_rest = (
+            velocity is not None
+            and abs(velocity) < REST_SPEED
+            and abs(self.encoder.speed) < self._rest_speed
+        )
         self.disobedience = ''
         if is_enabled and not (word & Status.DRIVE_FOLLOWS or quirks.never_follows):
             self.disobedience = 'does not follow its targets, bit 12 is 0'
@@ -248,12 +317,21 @@ class AxisMonitor:
         settings, missed = self._settings, self.answers.missed_in_a_row
         age = now - max(self.heartbeat_time or 0.0, self._supervised_since)
         if missed >= settings.max_missed_cycles:
-            failure = (f'did not answer {missed} cycles in a row, '
-                       f'bound {settings.max_missed_cycles}')
+            failure = (
+                f'did not answer {missed} cycles in a row, '
+                f'bound {settings.max_missed_cycles}'
+            )
         elif age > settings.heartbeat_timeout:
-            failure = (f'sent no heartbeat for {1e3 * age:.0f} ms, '
-                       f'bound {1e3 * settings.heartbeat_timeout:.0f} ms')
+            failure = (
+                f'sent no heartbeat for {1e3 * age:.0f} ms, '
+                f'bound {1e3 * settings.heartbeat_timeout:.0f} ms'
+            )
         else:
             return None
-        return Cause(f'{self.title} {failure}', Remedy.CONFIGURE, self.name,
-                     configure_again=True, is_vague=True)
+        return Cause(
+            f'{self.title} {failure}',
+            Remedy.CONFIGURE,
+            self.name,
+            configure_again=True,
+            is_vague=True,
+        )

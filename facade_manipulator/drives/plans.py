@@ -24,7 +24,9 @@ class Step(NamedTuple):
     mode: int | None = Mode.CYCLIC_SYNCHRONOUS_POSITION
     to_rest: bool = False  #: whether the step lasts until the carriage is at rest
     min_cycles: int = 1  #: smallest number of cycles that the step lasts
-    follows: bool = False  #: whether targets are commanded, those of the power-on included
+    follows: bool = (
+        False  #: whether targets are commanded, those of the power-on included
+    )
 
 
 Plan = tuple[Step, ...]
@@ -42,53 +44,127 @@ def _power_on(mode: int) -> Plan:
     """Return the steps from switch on disabled to operation enabled in a mode of operation."""
     begin = ControllerState.ACTIVATING
     return (
-        Step(begin, 'select its mode of operation', Controlword.DISABLE_VOLTAGE, _OFF, mode=mode),
+        Step(
+            begin,
+            'select its mode of operation',
+            Controlword.DISABLE_VOLTAGE,
+            _OFF,
+            mode=mode,
+        ),
         Step(begin, 'get ready to switch on', Controlword.SHUTDOWN, _READY, _OFF, mode),
         Step(begin, 'switch on', Controlword.SWITCH_ON, _ON, _READY, mode),
-        Step(begin, 'enable operation', Controlword.ENABLE_OPERATION, _ENABLED, _ON, mode))
+        Step(
+            begin, 'enable operation', Controlword.ENABLE_OPERATION, _ENABLED, _ON, mode
+        ),
+    )
 
 
 _END, _CLEAR = ControllerState.DEACTIVATING, ControllerState.CLEARING
-OFF = (Step(ControllerState.INACTIVE, 'switch off', Controlword.DISABLE_VOLTAGE, _OFF,
-            _ANY - FAULT_STATES, mode=None),)
-FOLLOW = (Step(ControllerState.ACTIVE, 'stay in operation', Controlword.ENABLE_OPERATION,
-               _ENABLED, follows=True),)
+OFF = (
+    Step(
+        ControllerState.INACTIVE,
+        'switch off',
+        Controlword.DISABLE_VOLTAGE,
+        _OFF,
+        _ANY - FAULT_STATES,
+        mode=None,
+    ),
+)
+FOLLOW = (
+    Step(
+        ControllerState.ACTIVE,
+        'stay in operation',
+        Controlword.ENABLE_OPERATION,
+        _ENABLED,
+        follows=True,
+    ),
+)
 _FOLLOW = FOLLOW[0]
 POWER_DOWN = (  # a drive may skip states while it powers down, not while it powers on
-    Step(_END, 'disable operation', Controlword.DISABLE_OPERATION, _ON | _READY | _OFF, _ENABLED),
+    Step(
+        _END,
+        'disable operation',
+        Controlword.DISABLE_OPERATION,
+        _ON | _READY | _OFF,
+        _ENABLED,
+    ),
     Step(_END, 'shut down', Controlword.SHUTDOWN, _READY | _OFF, _ON),
-    Step(_END, 'switch off', Controlword.DISABLE_VOLTAGE, _OFF, _READY | _ON), *OFF)
+    Step(_END, 'switch off', Controlword.DISABLE_VOLTAGE, _OFF, _READY | _ON),
+    *OFF,
+)
 _RAMP = _FOLLOW._replace(state=_END, purpose='come to rest', to_rest=True)
 DISABLE = (_RAMP, *POWER_DOWN)
-HALT = (_RAMP._replace(state=ControllerState.HALTED),
-        _FOLLOW._replace(state=ControllerState.HALTED))
+HALT = (
+    _RAMP._replace(state=ControllerState.HALTED),
+    _FOLLOW._replace(state=ControllerState.HALTED),
+)
 END_HOMING = (
-    Step(_END, 'come to rest after homing', Controlword.ENABLE_OPERATION, _ENABLED,
-         mode=Mode.HOMING, to_rest=True, min_cycles=3),
-    _FOLLOW._replace(state=_END, follows=False), *POWER_DOWN)
+    Step(
+        _END,
+        'come to rest after homing',
+        Controlword.ENABLE_OPERATION,
+        _ENABLED,
+        mode=Mode.HOMING,
+        to_rest=True,
+        min_cycles=3,
+    ),
+    _FOLLOW._replace(state=_END, follows=False),
+    *POWER_DOWN,
+)
 HOME = (
     *_power_on(Mode.HOMING),
-    Step(ControllerState.HOMING, 'hold for homing', Controlword.ENABLE_OPERATION, _ENABLED,
-         mode=Mode.HOMING), *END_HOMING)
+    Step(
+        ControllerState.HOMING,
+        'hold for homing',
+        Controlword.ENABLE_OPERATION,
+        _ENABLED,
+        mode=Mode.HOMING,
+    ),
+    *END_HOMING,
+)
 # the drives first show the effect of the previous command, which is still on its way
 GIVE_UP_ENABLING = (OFF[0]._replace(state=_END, min_cycles=4), *OFF)
-_STOP = Step(ControllerState.STOPPED, 'stop', Controlword.QUICK_STOP, _ANY - _ENABLED, _ANY,
-             mode=None, to_rest=True)
+_STOP = Step(
+    ControllerState.STOPPED,
+    'stop',
+    Controlword.QUICK_STOP,
+    _ANY - _ENABLED,
+    _ANY,
+    mode=None,
+    to_rest=True,
+)
 STOP = (_STOP, _STOP._replace(purpose='stay stopped', to_rest=False))
-CUT_POWER = (Step(ControllerState.STOPPED, 'lose power', Controlword.DISABLE_VOLTAGE,
-                  _OFF | FAULT_STATES, _ANY, mode=None),)
+CUT_POWER = (
+    Step(
+        ControllerState.STOPPED,
+        'lose power',
+        Controlword.DISABLE_VOLTAGE,
+        _OFF | FAULT_STATES,
+        _ANY,
+        mode=None,
+    ),
+)
 STOP_AND_CUT_POWER = (_STOP, *CUT_POWER, *CUT_POWER)
 RESET = (
-    Step(_CLEAR, 'leave the quick stop', Controlword.DISABLE_VOLTAGE,
-         _OFF | frozenset({State.FAULT}), _ANY, mode=None),
+    Step(
+        _CLEAR,
+        'leave the quick stop',
+        Controlword.DISABLE_VOLTAGE,
+        _OFF | frozenset({State.FAULT}),
+        _ANY,
+        mode=None,
+    ),
     Step(_CLEAR, 'take the fault reset', Controlword.FAULT_RESET, _ANY, mode=None),
-    Step(_CLEAR, 'leave the fault', Controlword.DISABLE_VOLTAGE, _OFF, _ANY, mode=None), *OFF)
+    Step(_CLEAR, 'leave the fault', Controlword.DISABLE_VOLTAGE, _OFF, _ANY, mode=None),
+    *OFF,
+)
 
 
 def enable_plan(hold_cycles: int) -> Plan:
     """Return the plan that powers on, holds for a number of cycles, and follows targets."""
     hold = _FOLLOW._replace(
-        state=ControllerState.ACTIVATING, purpose='hold', min_cycles=hold_cycles)
+        state=ControllerState.ACTIVATING, purpose='hold', min_cycles=hold_cycles
+    )
     return *_power_on(Mode.CYCLIC_SYNCHRONOUS_POSITION), hold, *FOLLOW
 
 

@@ -23,7 +23,11 @@ from facade_manipulator.drives.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 
-_INDEX, _NUMBER, _BOOLEAN = range(0x1000, 0x10000), range(-2**31, 2**32), (False, True)
+_INDEX, _NUMBER, _BOOLEAN = (
+    range(0x1000, 0x10000),
+    range(-(2**31), 2**32),
+    (False, True),
+)
 
 
 class InputPolarity(NamedTuple):
@@ -52,11 +56,16 @@ class Quirks(NamedTuple):
 
 # The values that an entry may have, all of one type; the other entries may have any value.
 _ALLOWED: dict[str, Sequence[Any]] = {
-    'index': _INDEX, 'subindex': range(255), 'lost_master_reaction': _INDEX,
+    'index': _INDEX,
+    'subindex': range(255),
+    'lost_master_reaction': _INDEX,
     **dict.fromkeys(
-        ('required', 'loses_position', 'is_warning', *Quirks._fields), _BOOLEAN),
+        ('required', 'loses_position', 'is_warning', *Quirks._fields), _BOOLEAN
+    ),
     **dict.fromkeys(
-        ('velocity_unit', 'motor_speed_unit', 'acceleration_unit'), (*VELOCITY_UNITS,))}
+        ('velocity_unit', 'motor_speed_unit', 'acceleration_unit'), (*VELOCITY_UNITS,)
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -76,7 +85,9 @@ class DriveProfile:
     pdos: tuple[Pdo, ...] = pdo.PDO_MAP  #: the process data in use
     #: index and subindex of the objects of a place on the bus: node id, bit rate
     of_place: tuple[tuple[int, int], ...] = ()
-    input_polarity: InputPolarity | None = None  #: None where only the maker's tool has it
+    input_polarity: InputPolarity | None = (
+        None  #: None where only the maker's tool has it
+    )
     #: index of the reaction of the drive to a lost master; the value 0 disables it
     lost_master_reaction: int = 0x6007
     #: the maker's own meanings of error codes (603Fh, emergency messages)
@@ -94,13 +105,18 @@ class DriveProfile:
     def applied(self, axis: AxisSettings) -> AxisSettings:
         """Return the settings of an axis with units, encoder and identity of its drive type."""
         return replace(
-            axis, velocity_unit=self.velocity_unit, acceleration_unit=self.acceleration_unit,
+            axis,
+            velocity_unit=self.velocity_unit,
+            acceleration_unit=self.acceleration_unit,
             vendor_id=axis.vendor_id or self.vendor_id or 0,
-            product_code=axis.product_code or self.product_code or 0)
+            product_code=axis.product_code or self.product_code or 0,
+        )
 
 
 def quantities(
-    axis: AxisSettings, settings: ControllerSettings, motor_speed_unit: str | None = None
+    axis: AxisSettings,
+    settings: ControllerSettings,
+    motor_speed_unit: str | None = None,
 ) -> dict[str, int]:
     """
     Return the values that a profile may write, by name, in the units of the drive.
@@ -109,8 +125,13 @@ def quantities(
     """
     motor = replace(axis, velocity_unit=motor_speed_unit or axis.velocity_unit)
     ramp = replace(axis, velocity_unit=axis.acceleration_unit or axis.velocity_unit)
-    ends = sorted(axis.to_counts(end) for end in (
-        axis.lower_limit - axis.limit_margin, axis.upper_limit + axis.limit_margin))
+    ends = sorted(
+        axis.to_counts(end)
+        for end in (
+            axis.lower_limit - axis.limit_margin,
+            axis.upper_limit + axis.limit_margin,
+        )
+    )
     return {
         'quick_stop_deceleration': _units(ramp, 'stop_deceleration'),
         'max_velocity': _units(axis, 'max_speed'),
@@ -119,7 +140,8 @@ def quantities(
         'homing_zero_speed': _units(axis, 'homing_speed', axis.homing_zero_share),
         'homing_acceleration': _units(ramp, 'homing_acceleration'),
         'max_motor_speed': _units(motor, 'max_speed'),
-        'master_heartbeat': pdo.MASTER_NODE_ID << 16 | round(1e3 * settings.heartbeat_timeout),
+        'master_heartbeat': pdo.MASTER_NODE_ID << 16
+        | round(1e3 * settings.heartbeat_timeout),
         'heartbeat_time': round(1e3 * settings.heartbeat_period),
         'following_error_window': abs(axis.to_counts(axis.following_error_window)),
         'following_error_time': round(1e3 * axis.following_error_time),
@@ -140,7 +162,8 @@ def _units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
     if magnitude < unit:
         raise ParameterError(
             f'axes.{name} = {magnitude:g} rejected: below {unit:.3g} it would be 0 units of the '
-            'drive, which may mean no limit; next: set at least this value')
+            'drive, which may mean no limit; next: set at least this value'
+        )
     return round(magnitude / unit)
 
 
@@ -156,40 +179,66 @@ def load_profile(name: str) -> DriveProfile:
     missing or invalid.
     """
     try:
-        path = Path(name) if name.endswith('.yaml') else config_path(f'drives/{name}.yaml')
+        path = (
+            Path(name) if name.endswith('.yaml') else config_path(f'drives/{name}.yaml')
+        )
         return _parse(name, path, path.read_text(encoding='utf-8'))
     except FileNotFoundError as error:
         raise ParameterError(f'there is no drive profile {name}: {error}') from None
     except (
-            OSError, yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError) as error:
+        OSError,
+        yaml.YAMLError,
+        ValueError,
+        TypeError,
+        KeyError,
+        AttributeError,
+    ) as error:
         reason = f'{error.args[0]} is missing' if isinstance(error, KeyError) else error
-        raise ParameterError(f'the drive profile {name} is not valid: {reason}') from None
+        raise ParameterError(
+            f'the drive profile {name} is not valid: {reason}'
+        ) from None
 
 
 def fitting_profile(vendor_id: int | None, product_code: int | None) -> str:
     """Return the name of the profile that fits a drive best: by product, then by maker."""
     names = sorted(path.stem for path in config_path('drives').glob('*.yaml'))
     known: dict[tuple[int | None, int | None], str] = {
-        (one.vendor_id, one.product_code): one.name for one in map(load_profile, names)
-        if one.vendor_id is not None}
-    return known.get((vendor_id, product_code)) or known.get((vendor_id, None), 'generic_cia402')
+        (one.vendor_id, one.product_code): one.name
+        for one in map(load_profile, names)
+        if one.vendor_id is not None
+    }
+    return known.get((vendor_id, product_code)) or known.get(
+        (vendor_id, None), 'generic_cia402'
+    )
 
 
 @lru_cache(maxsize=8)  # each of the three axes asks twice, and YAML takes 30 ms
 def _parse(name: str, path: Path, text: str) -> DriveProfile:
-    data = _table('the profile', yaml.safe_load(text), [
-        item.name for item in fields(DriveProfile) if item.name != 'name'])
+    data = _table(
+        'the profile',
+        yaml.safe_load(text),
+        [item.name for item in fields(DriveProfile) if item.name != 'name'],
+    )
     eds, unit = path.parent / str(data['eds']), data['velocity_unit']
     if not eds.is_file():
         raise ValueError(f'its EDS {eds} does not exist')
     made: dict[str, Any] = {
-        'motor_speed_unit': unit, 'acceleration_unit': unit, **data, 'name': name, 'eds': eds,
+        'motor_speed_unit': unit,
+        'acceleration_unit': unit,
+        **data,
+        'name': name,
+        'eds': eds,
         'homing_methods': tuple(data['homing_methods']),
         'objects': tuple(_record(ProfileObject, one) for one in data['objects']),
         'quirks': _record(Quirks, data.get('quirks', {})),
-        'of_place': tuple((_checked('index', index), _checked('subindex', subindex))
-                          for index, subindex in data.get('of_place', ())),
-        'errors': {code: _record(Fault, one) for code, one in data.get('errors', {}).items()}}
+        'of_place': tuple(
+            (_checked('index', index), _checked('subindex', subindex))
+            for index, subindex in data.get('of_place', ())
+        ),
+        'errors': {
+            code: _record(Fault, one) for code, one in data.get('errors', {}).items()
+        },
+    }
     if 'pdos' in data:
         made['pdos'] = _pdos(data['pdos'])
     if 'input_polarity' in data:
@@ -216,10 +265,17 @@ def _table(where: str, data: Any, names: Collection[str]) -> dict[str, Any]:
 
 def _checked(name: str, value: Any) -> Any:
     """Return the value of an entry; raise a ValueError if the value is not allowed."""
-    allowed = _NUMBER if name == 'value' and type(value) is int else _ALLOWED.get(name, (value,))
+    allowed = (
+        _NUMBER
+        if name == 'value' and type(value) is int
+        else _ALLOWED.get(name, (value,))
+    )
     if type(value) is not type(allowed[0]) or value not in allowed:
-        expected = (f'from {allowed[0]} to {allowed[-1]}' if isinstance(allowed, range)
-                    else f'one of {", ".join(map(str, allowed))}')
+        expected = (
+            f'from {allowed[0]} to {allowed[-1]}'
+            if isinstance(allowed, range)
+            else f'one of {", ".join(map(str, allowed))}'
+        )
         raise ValueError(f'{name} = {value!r} is not {expected}')
     return value
 
@@ -228,12 +284,24 @@ def _pdos(data: Any) -> tuple[Pdo, ...]:
     """Return the PDOs of a table, which must carry the objects that every drive needs."""
     content = _table('pdos', data, pdo.PDO_NAMES)
     for kind, possible, needed in (
-            ('RPDO', pdo.COMMANDS, pdo.COMMANDS),
-            ('TPDO', {*pdo.KNOWN_OBJECTS} - pdo.COMMANDS, pdo.STATUS)):
-        carried = {index for name in content if name.startswith(kind) for index in content[name]}
+        ('RPDO', pdo.COMMANDS, pdo.COMMANDS),
+        ('TPDO', {*pdo.KNOWN_OBJECTS} - pdo.COMMANDS, pdo.STATUS),
+    ):
+        carried = {
+            index
+            for name in content
+            if name.startswith(kind)
+            for index in content[name]
+        }
         if unknown := carried - possible:
-            raise ValueError(f'{kind} carries {sorted(unknown)}, not known objects there')
+            raise ValueError(
+                f'{kind} carries {sorted(unknown)}, not known objects there'
+            )
         for index in sorted(needed - carried):
-            raise ValueError(f'no {kind} carries object {index:04X}, which every drive needs')
-    return tuple(Pdo(name, tuple(pdo.KNOWN_OBJECTS[index] for index in indices))
-                 for name, indices in content.items())
+            raise ValueError(
+                f'no {kind} carries object {index:04X}, which every drive needs'
+            )
+    return tuple(
+        Pdo(name, tuple(pdo.KNOWN_OBJECTS[index] for index in indices))
+        for name, indices in content.items()
+    )

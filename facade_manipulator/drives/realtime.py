@@ -15,12 +15,17 @@ import sys
 from facade_manipulator.drives.controller_settings import ControllerSettings
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
-_SWITCH_INTERVAL = 0.0005  # s: a step may not wait for the interpreter's default of 5 ms
-_PERMISSION = ('"ulimit -r" of at least this priority: set LimitRTPRIO=99 in the systemd service, '
-               'or "@realtime - rtprio 99" in /etc/security/limits.d')
+_SWITCH_INTERVAL = (
+    0.0005  # s: a step may not wait for the interpreter's default of 5 ms
+)
+_PERMISSION = (
+    '"ulimit -r" of at least this priority: set LimitRTPRIO=99 in the systemd service, '
+    'or "@realtime - rtprio 99" in /etc/security/limits.d'
+)
 NO_PRIORITY = (
     'the control loop runs without real-time scheduling: other programs can delay it until the '
-    f'drives stop; next: set controller.realtime_priority, which needs {_PERMISSION}')
+    f'drives stop; next: set controller.realtime_priority, which needs {_PERMISSION}'
+)
 
 
 def request_realtime(settings: ControllerSettings) -> list[str]:
@@ -30,12 +35,24 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
     policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
     rejections = []
     for is_wanted, request, rejection in (
-            (priority > 0, lambda: os.sched_setscheduler(0, policy, os.sched_param(priority)),
-             f'SCHED_FIFO with priority {priority} is rejected: it needs {_PERMISSION}'),
-            (priority > 0, _lock_memory, 'the memory cannot be locked: grant it with "@realtime - '
-             'memlock unlimited" in /etc/security/limits.d'),
-            (cpu >= 0, lambda: os.sched_setaffinity(0, {cpu}), 'the control thread cannot be '
-             f'bound to CPU {cpu}: this machine has {os.cpu_count()} CPUs')):
+        (
+            priority > 0,
+            lambda: os.sched_setscheduler(0, policy, os.sched_param(priority)),
+            f'SCHED_FIFO with priority {priority} is rejected: it needs {_PERMISSION}',
+        ),
+        (
+            priority > 0,
+            _lock_memory,
+            'the memory cannot be locked: grant it with "@realtime - '
+            'memlock unlimited" in /etc/security/limits.d',
+        ),
+        (
+            cpu >= 0,
+            lambda: os.sched_setaffinity(0, {cpu}),
+            'the control thread cannot be '
+            f'bound to CPU {cpu}: this machine has {os.cpu_count()} CPUs',
+        ),
+    ):
         try:
             if is_wanted:
                 request()

@@ -37,11 +37,20 @@ from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.states import Power, UNPOWERED_STATES
 from facade_manipulator.drives.targets import MechanismChecks, TargetSupervisor
-from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
+from facade_manipulator.errors import (
+    BusError,
+    DriveError,
+    DriveStateError,
+    ManipulatorError,
+)
 
 CLOSING_TIMEOUT = 3.0  # s
-ASKING_TIMEOUT = 1.2  # s, for the few objects that are asked of a drive that may be absent
-TURN_TIMEOUT = 25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
+ASKING_TIMEOUT = (
+    1.2  # s, for the few objects that are asked of a drive that may be absent
+)
+TURN_TIMEOUT = (
+    25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
+)
 STOP_AND_CUT = 2  # steps: a drive that still moves is stopped before it loses its power
 LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
 SLOWEST = 20  # cycles in which each TPDO is sent once at 200 Hz; step_timeout covers faster rates
@@ -50,6 +59,7 @@ Steps = Generator[None, None, Result]
 
 
 # --- the drives and their bus
+
 
 class Session:
     """
@@ -73,21 +83,31 @@ class Session:
     """
 
     def __init__(
-        self, settings: ControllerSettings, axes: tuple[AxisSettings, ...],
-        open_bus: Callable[[], CanBus], mechanism: MechanismChecks, clock: Clock | None = None,
+        self,
+        settings: ControllerSettings,
+        axes: tuple[AxisSettings, ...],
+        open_bus: Callable[[], CanBus],
+        mechanism: MechanismChecks,
+        clock: Clock | None = None,
     ) -> None:
         check_axes(axes)
         self.settings = settings = replace(  # a step may be to stop
-            settings, step_timeout=settings.step_timeout + max(axis.stop_time for axis in axes))
+            settings,
+            step_timeout=settings.step_timeout + max(axis.stop_time for axis in axes),
+        )
         self._profiles = tuple(load_profile(axis.profile) for axis in axes)
         self.axes = tuple(
-            profile.applied(axis) for axis, profile in zip(axes, self._profiles, strict=True))
+            profile.applied(axis)
+            for axis, profile in zip(axes, self._profiles, strict=True)
+        )
         for profile, axis in zip(self._profiles, self.axes, strict=True):
             drive_writes(profile, axis, settings)
         self.mechanism = mechanism
         self.clock = clock or Clock()
         # one thread for each drive: its transfers never overlap, and no drive waits for another
-        self.workers = {name: self.clock.workers(1, f'objects of {name}') for name in AXIS_NAMES}
+        self.workers = {
+            name: self.clock.workers(1, f'objects of {name}') for name in AXIS_NAMES
+        }
         self._open_bus = open_bus
         self.forbidden, self.is_closed = '', False
         self._forget()
@@ -99,7 +119,10 @@ class Session:
         self.notes: tuple[str, ...] = ()  #: from configure
         self.monitors = tuple(
             AxisMonitor(name, axis, self.settings, profile)
-            for name, axis, profile in zip(AXIS_NAMES, self.axes, self._profiles, strict=True))
+            for name, axis, profile in zip(
+                AXIS_NAMES, self.axes, self._profiles, strict=True
+            )
+        )
         self.group = Group(self.monitors, self.settings)
         self.targets = TargetSupervisor(self.group, self.settings, self.mechanism)
 
@@ -124,7 +147,8 @@ class Session:
         bus = self._open_bus()
         realtime.freeze_objects()  # the first, full collection takes longer than a heartbeat
         self.exchange = CyclicExchange(
-            bus, self.group, self.targets, self.settings, self.clock)
+            bus, self.group, self.targets, self.settings, self.clock
+        )
         return self.exchange
 
     def command(self, name: str, monitors: Iterable[AxisMonitor]) -> None:
@@ -138,12 +162,17 @@ class Session:
         if self.exchange is not None:
             # drives of another master are left unchanged
             used = self.monitors if self.exchange.transmits else ()
-            with suppress(BusError):  # the drives notice the missing heartbeat by themselves
+            with suppress(
+                BusError
+            ):  # the drives notice the missing heartbeat by themselves
                 self.command('PRE-OPERATIONAL', used)
-                for one in used:  # none reports a lost master; the answers are not awaited
+                for (
+                    one
+                ) in used:  # none reports a lost master; the answers are not awaited
                     self.exchange.bus.send(
                         pdo.SDO_REQUEST + one.axis.node_id,
-                        expedited_download(*one.profile.heartbeat_consumer, bytes(4)))
+                        expedited_download(*one.profile.heartbeat_consumer, bytes(4)),
+                    )
             self.exchange.bus.close()
         gc.unfreeze()
         self._forget()
@@ -153,14 +182,19 @@ class Session:
         if self.exchange is not None:
             self.exchange.bus.close()
         self.exchange = None
-        for monitor in self.monitors:  # a drive may restart, and its carriage move, unnoticed
+        for (
+            monitor
+        ) in self.monitors:  # a drive may restart, and its carriage move, unnoticed
             monitor.encoder.distrust()
         if self.is_configured:
             self.lost = str(error)
-            self.group.stop(Cause(self.lost, Remedy.BUS, configure_again=True), self.now)
+            self.group.stop(
+                Cause(self.lost, Remedy.BUS, configure_again=True), self.now
+            )
 
 
 # --- requests
+
 
 def configure(session: Session) -> Steps[str]:
     """
@@ -173,10 +207,13 @@ def configure(session: Session) -> Steps[str]:
     end = exchange.read_until + LISTEN_PERIODS * settings.heartbeat_period
     while exchange.read_until < end:
         yield
-    if used := ', '.join(filter(None, (yield from _each(session, Drive.use, ASKING_TIMEOUT)))):
+    if used := ', '.join(
+        filter(None, (yield from _each(session, Drive.use, ASKING_TIMEOUT)))
+    ):
         raise DriveStateError(
             f'{used}, which this driver has not commanded: the drives are left unchanged; end '
-            'the other master, or switch their supply off and on')
+            'the other master, or switch their supply off and on'
+        )
     exchange.transmits = True
     notes = yield from _prepare(session, exchange)
     session.notes = tuple(filter(None, (exchange.bus.sync_note, *notes)))
@@ -193,14 +230,18 @@ def _start_cycle(session: Session, exchange: CyclicExchange) -> Steps[None]:
     exchange.start(session.now)
     end = session.now + settings.step_timeout + SLOWEST * settings.period
     while not group.is_stopped:
-        silent = [f'{name} of {one.title}'
-                  for one in session.monitors for name in sorted(one.answers.silent)]
+        silent = [
+            f'{name} of {one.title}'
+            for one in session.monitors
+            for name in sorted(one.answers.silent)
+        ]
         if not silent and session.has_done(ControllerState.INACTIVE):
             break
         if silent and session.now > end:
             raise DriveError(
                 f'{", ".join(silent)} did not arrive in answer to SYNC: '
-                'correct pdos in the profile of the drive')
+                'correct pdos in the profile of the drive'
+            )
         yield
     if any(cause.configure_again for cause in group.causes):
         raise DriveError(group.reason)
@@ -216,9 +257,12 @@ def _prepare(session: Session, exchange: CyclicExchange) -> Steps[list[str]]:
     try:
         session.command('RESET', session.monitors)  # so that no old state is left
         yield from _wait(
-            session, lambda one: one.boot_ups > 0, session.settings.boot_timeout,
+            session,
+            lambda one: one.boot_ups > 0,
+            session.settings.boot_timeout,
             f'sent no boot-up message on {exchange.bus} after its reset: check its power, its '
-            'node id and the bit rate of the bus')
+            'node id and the bit rate of the bus',
+        )
         session.command('PRE-OPERATIONAL', session.monitors)
         yield from _each(session, Drive.identify)
         notes = yield from _each(session, Drive.configure)
@@ -230,7 +274,8 @@ def _prepare(session: Session, exchange: CyclicExchange) -> Steps[list[str]]:
             raise DriveError(
                 f'{monitor.title} sent {monitor.boot_ups} boot-up messages after one reset: more '
                 'than one drive has this node id (commission scan names them), or its power '
-                'fails') from failure
+                'fails'
+            ) from failure
     if failure is not None:
         raise failure
     return [*chain(*notes)]
@@ -241,9 +286,13 @@ def _start_nodes(session: Session) -> Steps[None]:
     session.command('OPERATIONAL', session.monitors)
     since = session.now
     yield from _wait(
-        session, lambda one: (one.nmt_state == 'OPERATIONAL'
-                              and (one.heartbeat_time or 0.0) >= since),
-        session.settings.step_timeout, 'did not confirm by its heartbeat that it is operational')
+        session,
+        lambda one: (
+            one.nmt_state == 'OPERATIONAL' and (one.heartbeat_time or 0.0) >= since
+        ),
+        session.settings.step_timeout,
+        'did not confirm by its heartbeat that it is operational',
+    )
 
 
 def home(session: Session) -> Steps[str]:
@@ -257,11 +306,19 @@ def home(session: Session) -> Steps[str]:
     while not (group.is_stopped or session.has_done(ControllerState.INACTIVE)):
         yield
     for homing, monitor in zip(group.homing, session.monitors, strict=True):
-        monitor.encoder.end_homing(homing.is_homed)  # not before their positions have settled
-    report = 'Homing: ' + ', '.join(
-        f'{monitor.name} is homed, at {monitor.position:.4f} m'
-        if monitor.encoder.homed else f'{monitor.name} is not homed'
-        for monitor in session.monitors) + '.'
+        monitor.encoder.end_homing(
+            homing.is_homed
+        )  # not before their positions have settled
+    report = (
+        'Homing: '
+        + ', '.join(
+            f'{monitor.name} is homed, at {monitor.position:.4f} m'
+            if monitor.encoder.homed
+            else f'{monitor.name} is not homed'
+            for monitor in session.monitors
+        )
+        + '.'
+    )
     if group.is_stopped:
         raise DriveError(f'{group.reason}. {report}')
     return report
@@ -273,7 +330,8 @@ def activate(session: Session) -> Steps[str]:
     if session.group.state is ControllerState.INACTIVE:
         if session.unhomed:
             raise DriveStateError(
-                f'activate is not possible, {" and ".join(session.unhomed)} must be homed')
+                f'activate is not possible, {" and ".join(session.unhomed)} must be homed'
+            )
         positions = positions_of(session.monitors)
         try:
             session.mechanism.check_targets(positions)
@@ -289,9 +347,14 @@ def activate(session: Session) -> Steps[str]:
 def _require_power_allowed(session: Session, request: str) -> None:
     """Raise a DriveStateError if power is forbidden, or would stay on without this master."""
     unstopped = [one.title for one in session.monitors if not one.stops_without_master]
-    reason = session.forbidden if not unstopped else (
-        f'{" and ".join(unstopped)} would continue to move if this computer were silent '
-        '(no 1016h, or no reaction such as 6007h): correct the profile')
+    reason = (
+        session.forbidden
+        if not unstopped
+        else (
+            f'{" and ".join(unstopped)} would continue to move if this computer were silent '
+            '(no 1016h, or no reaction such as 6007h): correct the profile'
+        )
+    )
     if reason:
         raise DriveStateError(f'{request} is not possible: {reason}')
 
@@ -325,14 +388,20 @@ def clear_faults(session: Session) -> Steps[str]:
         return 'There is no fault to clear.'
     group.require_resettable()
     try:
-        session.command('PRE-OPERATIONAL', [  # stopped nodes have no SDO
-            one for one in session.monitors if one.nmt_state == 'STOPPED'])
+        session.command(
+            'PRE-OPERATIONAL',
+            [  # stopped nodes have no SDO
+                one for one in session.monitors if one.nmt_state == 'STOPPED'
+            ],
+        )
         yield from _each(session, Drive.prove)
         yield from _start_nodes(session)
     except DriveError as error:
         for monitor in session.monitors:  # a drive that differs may have restarted
             monitor.encoder.distrust()
-        group.stop(Cause(str(error), Remedy.CONFIGURE, configure_again=True), session.now)
+        group.stop(
+            Cause(str(error), Remedy.CONFIGURE, configure_again=True), session.now
+        )
         raise DriveError(f'The faults remain: {error}') from error
     while not group.has_stopped:
         yield
@@ -375,8 +444,11 @@ def close(session: Session) -> Steps[str]:
             group.disable(session.now)
         except DriveStateError:
             group.stop(Cause('the drive controller is being closed'), session.now)
-    while not session.lost and session.now <= end and not (
-            group.has_stopped or group.state is ControllerState.INACTIVE):
+    while (
+        not session.lost
+        and session.now <= end
+        and not (group.has_stopped or group.state is ControllerState.INACTIVE)
+    ):
         yield
     try:
         return (yield from _cut_power_and_close(session))
@@ -398,26 +470,44 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
         return 'The bus is closed; no drive was configured.'
     if not session.lost:
         session.group.cut_power(since)
-    while (unsure := _unconfirmed(session, since)) and session.now < end and not session.lost:
+    while (
+        (unsure := _unconfirmed(session, since))
+        and session.now < end
+        and not session.lost
+    ):
         yield
-    if unsure and not session.lost:  # PDOs may not reach the drives, and stopped ones have no SDO
+    if (
+        unsure and not session.lost
+    ):  # PDOs may not reach the drives, and stopped ones have no SDO
         session.command('PRE-OPERATIONAL', unsure)
         states = yield from _each(session, Drive.switch_off, ASKING_TIMEOUT)
-        unsure = [one for one, state in zip(session.monitors, states, strict=True)
-                  if one in unsure and state not in UNPOWERED_STATES]
-    reason = f'the bus is lost, {session.lost}' if session.lost else 'the drives do not answer'
+        unsure = [
+            one
+            for one, state in zip(session.monitors, states, strict=True)
+            if one in unsure and state not in UNPOWERED_STATES
+        ]
+    reason = (
+        f'the bus is lost, {session.lost}'
+        if session.lost
+        else 'the drives do not answer'
+    )
     session.close_bus()
     if unsure:
         raise DriveError(
             f'The bus is closed, but the power of {" and ".join(one.title for one in unsure)} is '
-            f'not confirmed off: {reason}; switch the supply off before a person reaches in')
+            f'not confirmed off: {reason}; switch the supply off before a person reaches in'
+        )
     return 'The drives have confirmed that their power is off; the bus is closed.'
 
 
 def _unconfirmed(session: Session, since: float) -> list[AxisMonitor]:
     """Return the drives that have not confirmed since a time [s] that they have no power."""
-    return [one for one in session.monitors if one.answers.newest <= since
-            or one.snapshot(None, since).power is not Power.CONFIRMED_OFF]
+    return [
+        one
+        for one in session.monitors
+        if one.answers.newest <= since
+        or one.snapshot(None, since).power is not Power.CONFIRMED_OFF
+    ]
 
 
 def _until(session: Session, *states: ControllerState) -> Steps[None]:
@@ -433,11 +523,16 @@ def _until(session: Session, *states: ControllerState) -> Steps[None]:
 
 
 def _wait(
-    session: Session, condition: Callable[[AxisMonitor], bool], timeout: float, failure: str
+    session: Session,
+    condition: Callable[[AxisMonitor], bool],
+    timeout: float,
+    failure: str,
 ) -> Steps[None]:
     """Wait until a condition holds for all drives; a DriveError names the others."""
     end = session.now + timeout
-    while missing := ' and '.join(one.title for one in session.monitors if not condition(one)):
+    while missing := ' and '.join(
+        one.title for one in session.monitors if not condition(one)
+    ):
         if session.now > end:
             raise DriveError(f'{missing} {failure} (waited {timeout:g} s)')
         yield
@@ -483,5 +578,6 @@ REQUESTS = {
     'self_test': Request(self_test, ControllerState.TESTING),
     'cleanup': Request(cleanup, ControllerState.CLEANING_UP),
     'close': Request(
-        close, ControllerState.CLEANING_UP, needs_drives=None, interrupts=True),
+        close, ControllerState.CLEANING_UP, needs_drives=None, interrupts=True
+    ),
 }

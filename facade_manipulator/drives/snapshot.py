@@ -12,7 +12,12 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 from facade_manipulator.canopen.link import BusStatistics
-from facade_manipulator.drives.states import decode_state, Power, State, UNPOWERED_STATES
+from facade_manipulator.drives.states import (
+    decode_state,
+    Power,
+    State,
+    UNPOWERED_STATES,
+)
 
 
 class ControllerState(Enum):
@@ -51,9 +56,15 @@ class ControllerState(Enum):
         return self in _ACTIVE or self is ControllerState.HOMING
 
 
-_ACTIVE = frozenset({
-    ControllerState.ACTIVATING, ControllerState.ACTIVE, ControllerState.HALTING,
-    ControllerState.HALTED, ControllerState.DEACTIVATING})
+_ACTIVE = frozenset(
+    {
+        ControllerState.ACTIVATING,
+        ControllerState.ACTIVE,
+        ControllerState.HALTING,
+        ControllerState.HALTED,
+        ControllerState.DEACTIVATING,
+    }
+)
 
 
 class Remedy:
@@ -63,7 +74,9 @@ class Remedy:
     TRACKING = 'check load, drive and controller.drive_lag of the carriage that lags'
     COMPUTER = 'end other programs on this computer'
     CONFIGURE = 'check its power and cable'
-    OTHER_MASTER = 'find the other master (a second driver, a configuration tool) and end it'
+    OTHER_MASTER = (
+        'find the other master (a second driver, a configuration tool) and end it'
+    )
 
 
 @dataclass(frozen=True)
@@ -92,7 +105,9 @@ class CycleStatistics:
     """Counters of the cycle."""
 
     cycles: int = 0  #: SYNCs answered by a step of the control loop
-    incomplete: int = 0  #: cycles in which a drive's answer had not come before the step
+    incomplete: int = (
+        0  #: cycles in which a drive's answer had not come before the step
+    )
     #: cycles whose commands came later than `cycle.COMMANDS_DUE`; when the kernel sends SYNC they
     #: were not sent, and the drives held one point
     late: int = 0
@@ -149,7 +164,9 @@ class ControllerSnapshot(NamedTuple):
     """State of the controller and its axes at one cycle."""
 
     state: ControllerState
-    stamp: float | None  #: when the drives sampled the positions (SYNC), on the system clock [s]
+    stamp: (
+        float | None
+    )  #: when the drives sampled the positions (SYNC), on the system clock [s]
     axes: tuple[AxisSnapshot, ...]  #: in the order q1, q2, q3
     causes: tuple[Cause, ...] = ()  #: why the drives are stopped, the first cause first
     next_step: str = ''  #: action of the operator and the requests after it
@@ -158,7 +175,9 @@ class ControllerSnapshot(NamedTuple):
     cycle: CycleStatistics = CycleStatistics()
     bus: BusStatistics = BusStatistics()
     bus_error: str = ''  #: why the bus is not open, ``''`` if it is
-    realtime_priority: int | None = None  #: of the control thread; 0 for normal scheduling
+    realtime_priority: int | None = (
+        None  #: of the control thread; 0 for normal scheduling
+    )
 
     @property
     def cause(self) -> str:
@@ -184,15 +203,41 @@ class ControllerSnapshot(NamedTuple):
 
         The counts of an encoder that was not homed are not a carriage position.
         """
-        if not self.stamp or not all([one.homed and not one.is_silent and one.position is not None
-                                      for one in self.axes]):
+        if not self.stamp or not all(
+            [
+                one.homed and not one.is_silent and one.position is not None
+                for one in self.axes
+            ]
+        ):
             return None
-        return JointStates(self.stamp, *zip(*[
-            (one.position, one.velocity or 0.0, one.force or 0.0) for one in self.axes],
-            strict=True))
+        return JointStates(
+            self.stamp,
+            *zip(
+                *[
+                    (one.position, one.velocity or 0.0, one.force or 0.0)
+                    for one in self.axes
+                ],
+                strict=True,
+            ),
+        )
 
     def outcome(self) -> tuple[Any, ...]:
         """Return the values that determine the levels and messages in /diagnostics."""
-        return (self.state, self.causes[:1], self.next_step, self.bus_error, tuple([
-            (axis.state, axis.homed, axis.error_code, axis.is_silent, axis.warning)
-            for axis in self.axes]))
+        return (
+            self.state,
+            self.causes[:1],
+            self.next_step,
+            self.bus_error,
+            tuple(
+                [
+                    (
+                        axis.state,
+                        axis.homed,
+                        axis.error_code,
+                        axis.is_silent,
+                        axis.warning,
+                    )
+                    for axis in self.axes
+                ]
+            ),
+        )

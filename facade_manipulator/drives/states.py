@@ -86,13 +86,21 @@ STATUSWORDS = {
     State.FAULT: (0x4F, 0x08),
 }
 
-POWERED_STATES = frozenset({
-    State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE,
-})
+POWERED_STATES = frozenset(
+    {
+        State.OPERATION_ENABLED,
+        State.QUICK_STOP_ACTIVE,
+        State.FAULT_REACTION_ACTIVE,
+    }
+)
 # in which no command but those that switch on can give power, and the motor has none
-UNPOWERED_STATES = frozenset({
-    State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.FAULT,
-})
+UNPOWERED_STATES = frozenset(
+    {
+        State.NOT_READY_TO_SWITCH_ON,
+        State.SWITCH_ON_DISABLED,
+        State.FAULT,
+    }
+)
 
 
 class Power(Enum):
@@ -106,5 +114,11 @@ class Power(Enum):
 @cache
 def decode_state(statusword: int) -> State | None:
     """Return the state of a statusword; None for 52 of the 64 patterns of its bits."""
-    return next((state for state, (mask, value) in STATUSWORDS.items()
-                 if statusword & mask == value), None)
+    return next(
+        (
+            state
+            for state, (mask, value) in STATUSWORDS.items()
+            if statusword & mask == value
+        ),
+        None,
+    )

@@ -22,9 +22,13 @@ from facade_manipulator.motion.braking import least_distance, overshoot, Separat
 from facade_manipulator.motion.guard import MEASURED_SHARE
 from facade_manipulator.motion.limits import MotionLimits
 
-CYCLES_TO_STOP = 2  # a report just after one SYNC is answered after the next, and latched then
+CYCLES_TO_STOP = (
+    2  # a report just after one SYNC is answered after the next, and latched then
+)
 MIN_SPEED = 0.01  # m/s, that must remain for carriages at their minimum gap
-WINDOW_SHARE = 0.75  # of the free distance between carriages, at most, may one lag undetected
+WINDOW_SHARE = (
+    0.75  # of the free distance between carriages, at most, may one lag undetected
+)
 ROUNDING = 1e-9  # m, m/s, m/s²
 
 
@@ -49,7 +53,8 @@ class StoppingAnalysis:
     def overshoot(self) -> float:
         """Return the maximum overshoot of a carriage beyond the stroke [m]."""
         return overshoot(
-            self.limits.speed, self.limits.acceleration, self.separation.deceleration)
+            self.limits.speed, self.limits.acceleration, self.separation.deceleration
+        )
 
     @cached_property
     def separation(self) -> Separation:
@@ -59,23 +64,32 @@ class StoppingAnalysis:
         return Separation(
             touching=geometry.carriage_length,
             deceleration=min(axis.stop_deceleration for axis in axes),
-            silence=(controller.max_missed_cycles + 1) * controller.period + controller.drive_lag,
+            silence=(controller.max_missed_cycles + 1) * controller.period
+            + controller.drive_lag,
             window=max(axis.following_error_window for axis in axes),
             tracking=reported + max(axis.following_error_time for axis in axes),
-            tolerated=geometry.carriage_gap - MEASURED_SHARE * (
-                geometry.carriage_gap - geometry.carriage_length),
-            report=reported)
+            tolerated=geometry.carriage_gap
+            - MEASURED_SHARE * (geometry.carriage_gap - geometry.carriage_length),
+            report=reported,
+        )
 
     @cached_property
     def outcomes(self) -> list[Outcome]:
         """Return the outcomes of the failures that `check` requires to end without contact."""
         gap, touching = self.geometry.carriage_gap, self.geometry.carriage_length
         return [
-            Outcome(name, distance, gap + touching - distance) for name, delay in (
+            Outcome(name, distance, gap + touching - distance)
+            for name, delay in (
                 ('all three brake at once', 0.0),
-                ('one brakes independently and reports', CYCLES_TO_STOP * self.controller.period))
-            for distance in [least_distance(
-                gap, self.limits, self.separation.deceleration, delay)]]
+                (
+                    'one brakes independently and reports',
+                    CYCLES_TO_STOP * self.controller.period,
+                ),
+            )
+            for distance in [
+                least_distance(gap, self.limits, self.separation.deceleration, delay)
+            ]
+        ]
 
     def check(self) -> None:
         """
@@ -87,32 +101,71 @@ class StoppingAnalysis:
         limits, axes, separation = self.limits, self.axes, self.separation
         gap, touching = self.geometry.carriage_gap, separation.touching
         for quantity, value, unit, bound_name, bound, remedy in (
-            ('limits.speed', limits.speed, 'm/s',
-             'axes.max_speed', min(axis.max_speed for axis in axes), 'reduce limits.speed'),
-            ('limits.acceleration', limits.acceleration, 'm/s^2',
-             'axes.max_acceleration', min(axis.max_acceleration for axis in axes),
-             'reduce limits.acceleration'),
-            ('limits.speed x controller.drive_lag', limits.speed * self.controller.drive_lag, 'm',
-             'axes.following_error_window', min(axis.following_error_window for axis in axes),
-             'reduce limits.speed, at which the drives would trip'),
-            ('the overshoot of a carriage beyond the stroke', self.overshoot, 'm',
-             'the limit of its drive', min(axis.limit_margin for axis in axes),
-             f'increase axes.stop_deceleration = {separation.deceleration:g} m/s^2 to at least '
-             f'limits.acceleration = {limits.acceleration:g} m/s^2'),
-            ('axes.following_error_window', separation.window, 'm',
-             f'{WINDOW_SHARE:g} of geometry.carriage_gap less carriage_length',
-             WINDOW_SHARE * (gap - touching),
-             'reduce axes.following_error_window'),
-            ('the speed that must remain for carriages at geometry.carriage_gap', MIN_SPEED, 'm/s',
-             'the speed at which a stopped neighbour is not hit', separation.speed(gap),
-             'increase geometry.carriage_gap to at least '
-             f'{separation.distance(MIN_SPEED):.3g} m'),
-            *(('geometry.carriage_length', touching, 'm',
-               f'the minimum distance of neighbours if {one.name}', one.distance,
-               f'increase geometry.carriage_gap to at least {one.gap:.3g} m, '
-               'axes.stop_deceleration or limits.jerk, or reduce limits.speed')
-              for one in self.outcomes),
+            (
+                'limits.speed',
+                limits.speed,
+                'm/s',
+                'axes.max_speed',
+                min(axis.max_speed for axis in axes),
+                'reduce limits.speed',
+            ),
+            (
+                'limits.acceleration',
+                limits.acceleration,
+                'm/s^2',
+                'axes.max_acceleration',
+                min(axis.max_acceleration for axis in axes),
+                'reduce limits.acceleration',
+            ),
+            (
+                'limits.speed x controller.drive_lag',
+                limits.speed * self.controller.drive_lag,
+                'm',
+                'axes.following_error_window',
+                min(axis.following_error_window for axis in axes),
+                'reduce limits.speed, at which the drives would trip',
+            ),
+            (
+                'the overshoot of a carriage beyond the stroke',
+                self.overshoot,
+                'm',
+                'the limit of its drive',
+                min(axis.limit_margin for axis in axes),
+                f'increase axes.stop_deceleration = {separation.deceleration:g} m/s^2 to at least '
+                f'limits.acceleration = {limits.acceleration:g} m/s^2',
+            ),
+            (
+                'axes.following_error_window',
+                separation.window,
+                'm',
+                f'{WINDOW_SHARE:g} of geometry.carriage_gap less carriage_length',
+                WINDOW_SHARE * (gap - touching),
+                'reduce axes.following_error_window',
+            ),
+            (
+                'the speed that must remain for carriages at geometry.carriage_gap',
+                MIN_SPEED,
+                'm/s',
+                'the speed at which a stopped neighbour is not hit',
+                separation.speed(gap),
+                'increase geometry.carriage_gap to at least '
+                f'{separation.distance(MIN_SPEED):.3g} m',
+            ),
+            *(
+                (
+                    'geometry.carriage_length',
+                    touching,
+                    'm',
+                    f'the minimum distance of neighbours if {one.name}',
+                    one.distance,
+                    f'increase geometry.carriage_gap to at least {one.gap:.3g} m, '
+                    'axes.stop_deceleration or limits.jerk, or reduce limits.speed',
+                )
+                for one in self.outcomes
+            ),
         ):
             if value > bound + ROUNDING:
-                raise ParameterError(f'{quantity} = {value:.3g} {unit} is above {bound_name} = '
-                                     f'{bound:.3g} {unit}; next: {remedy}')
+                raise ParameterError(
+                    f'{quantity} = {value:.3g} {unit} is above {bound_name} = '
+                    f'{bound:.3g} {unit}; next: {remedy}'
+                )

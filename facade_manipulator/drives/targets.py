@@ -59,15 +59,19 @@ class TargetSupervisor:
         #: the same [m] while the drives follow, else None
         self.positions: Triple | None = None
         self._group = group
-        self._largest_step = STEP_MARGIN * settings.period * min(
-            one.axis.max_speed for one in group.monitors)
+        self._largest_step = (
+            STEP_MARGIN
+            * settings.period
+            * min(one.axis.max_speed for one in group.monitors)
+        )
         # a target that is sent now is latched at the next SYNC and reached one period later
         self._lead = 2.0 * settings.period + settings.drive_lag
         # cycles from the SYNC that latches a target to the SYNC whose answer has the same
         # position; a late or missing answer adds cycles
         self._age = 1.0 + settings.drive_lag / settings.period
         self._latched: deque[Triple] = deque(
-            maxlen=ceil(self._age) + settings.max_missed_cycles + 2)
+            maxlen=ceil(self._age) + settings.max_missed_cycles + 2
+        )
         self._state = ControllerState.INACTIVE
 
     def supervise(self, now: float) -> None:
@@ -80,16 +84,24 @@ class TargetSupervisor:
             actual = positions_of(group.monitors)
             if is_homing:
                 self.mechanism.check_homing(
-                    actual, tuple([one.is_homed for one in group.homing]))
+                    actual, tuple([one.is_homed for one in group.homing])
+                )
             else:
                 self.mechanism.check_actual(actual)
         except ManipulatorError as error:
             group.stop(
-                Cause(f'homing stopped: {error}', 'move the carriages apart by hand, clear the '
-                      'faults, then home') if is_homing else
-                Cause(f'the measured mechanism: {error}', Remedy.TRACKING), now)
+                Cause(
+                    f'homing stopped: {error}',
+                    'move the carriages apart by hand, clear the faults, then home',
+                )
+                if is_homing
+                else Cause(f'the measured mechanism: {error}', Remedy.TRACKING),
+                now,
+            )
             return
-        if self.positions is not None:  # else the first command came too late to be sent
+        if (
+            self.positions is not None
+        ):  # else the first command came too late to be sent
             self._latched.append(self.positions)
             for cause in self._lags(actual):
                 group.stop(cause, now)
@@ -105,20 +117,28 @@ class TargetSupervisor:
             # the commanded position at the SYNC that the drive has answered
             whole, share = divmod(self._age + one.answers.cycles_old, 1.0)
             newest = -1 - int(whole)
-            before, after = self._latched[newest - 1][number], self._latched[newest][number]
+            before, after = (
+                self._latched[newest - 1][number],
+                self._latched[newest][number],
+            )
             errors.append(after + share * (before - after) - actual[number])
             window = one.axis.following_error_window
             if abs(errors[-1]) > window:
                 yield Cause(
                     f'{one.title} is {errors[-1]:.4g} m behind its targets by its positions, '
-                    f'bound {window:g} m', Remedy.TRACKING, one.name)
+                    f'bound {window:g} m',
+                    Remedy.TRACKING,
+                    one.name,
+                )
         difference = max(errors) - min(errors)
         window = min(one.axis.following_error_window for one in monitors)
         if difference > window:
             first, second = sorted(map(errors.index, (min(errors), max(errors))))
             yield Cause(
                 f'the following errors of {AXIS_NAMES[first]} and {AXIS_NAMES[second]} differ by '
-                f'{difference:.4g} m, bound {window:g} m', Remedy.TRACKING)
+                f'{difference:.4g} m, bound {window:g} m',
+                Remedy.TRACKING,
+            )
 
     def command(self, clock: CycleClock, now: float) -> None:
         """Choose the targets of a cycle; a source that fails stops the group."""
@@ -128,10 +148,14 @@ class TargetSupervisor:
                 self.mechanism.source.wait(clock.held)
             self.choose(reach_time)
         except Exception as error:  # the source of targets may be the user's code
-            failure = ('a target was rejected' if isinstance(error, ManipulatorError)
-                       else f'the source of the targets failed: {type(error).__name__}')
+            failure = (
+                'a target was rejected'
+                if isinstance(error, ManipulatorError)
+                else f'the source of the targets failed: {type(error).__name__}'
+            )
             self._group.stop(
-                Cause(f'{failure}: {error}', 'check the source of the setpoints'), now)
+                Cause(f'{failure}: {error}', 'check the source of the setpoints'), now
+            )
             self.choose(reach_time)
 
     def choose(self, reach_time: float) -> None:
@@ -155,8 +179,10 @@ class TargetSupervisor:
         if held is None or (is_active and before is ControllerState.HALTED):
             # begin where the drives hold; from now on the following error shows a carriage that
             # has moved since power-on
-            q1, q2, q3 = [one.axis.to_metres(counts) for one, counts in zip(
-                group.monitors, self.counts, strict=True)]
+            q1, q2, q3 = [
+                one.axis.to_metres(counts)
+                for one, counts in zip(group.monitors, self.counts, strict=True)
+            ]
             self.positions = held = q1, q2, q3
             self._latched.extend([held] * (self._latched.maxlen or 0))
             source.reset(held)
@@ -166,11 +192,21 @@ class TargetSupervisor:
             targets = source.sample(reach_time)
             self.mechanism.check_targets(targets)
             for name, old, new in zip(AXIS_NAMES, held, targets, strict=True):
-                if not abs(new - old) <= self._largest_step + ROUNDING:  # also one not finite
+                if (
+                    not abs(new - old) <= self._largest_step + ROUNDING
+                ):  # also one not finite
                     raise SetpointLimitError(
-                        f'step of the target of {name} in one cycle', abs(new - old),
-                        self._largest_step, 'm', 'above')
+                        f'step of the target of {name} in one cycle',
+                        abs(new - old),
+                        self._largest_step,
+                        'm',
+                        'above',
+                    )
             # the limits of each stroke fit into the 32 bits of its drive: configure writes them
-            self.counts = tuple([one.axis.to_counts(target) for one, target in zip(
-                group.monitors, targets, strict=True)])
+            self.counts = tuple(
+                [
+                    one.axis.to_counts(target)
+                    for one, target in zip(group.monitors, targets, strict=True)
+                ]
+            )
             self.positions = targets

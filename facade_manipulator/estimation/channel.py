@@ -21,14 +21,24 @@ from facade_manipulator.estimation.start import FirstMeasurements
 
 GATE = 4.0  # standard deviations: rejects 1 of 16 000 good measurements
 COASTING_GATE = 10.0  # without an IMU, because only an IMU shows a push
-NEW_LEVEL = 8.0  # minimum distance of a new level from each known one, in standard deviations
-NEAREST = 3e-3  # m or rad, minimum between two levels: less than a mullion, more than a joint
+NEW_LEVEL = (
+    8.0  # minimum distance of a new level from each known one, in standard deviations
+)
+NEAREST = (
+    3e-3  # m or rad, minimum between two levels: less than a mullion, more than a joint
+)
 TOLERANCE = 6.0  # standard deviations of the noise, within which measurements agree
-AGREEMENT, SPAN, FEWEST = 0.8, 0.25, 4  # share, s and number of measurements that make a level
+AGREEMENT, SPAN, FEWEST = (
+    0.8,
+    0.25,
+    4,
+)  # share, s and number of measurements that make a level
 MOST = 12  # levels that are kept
 LARGEST = 20.0  # m: a larger distance was sent in another unit
 OUTLIER = math.inf
-SMOOTHING = 0.02  # weight of a new measurement in running means: about the last 50 count
+SMOOTHING = (
+    0.02  # weight of a new measurement in running means: about the last 50 count
+)
 
 
 @dataclass
@@ -44,10 +54,14 @@ class Channel:
 
     def __init__(self, sensor: WallSensor, levels: list[Level]) -> None:
         self.sensor, self.levels = sensor, levels
-        self.counts: Counter[str] = Counter()  #: of measurements by 'used', 'other level', …
+        self.counts: Counter[str] = (
+            Counter()
+        )  #: of measurements by 'used', 'other level', …
         self.period = math.nan  #: mean time between measurements [s]
         self.age = math.nan  #: mean age of measurements on arrival [s]
-        self.square = 1.0  #: mean normalised innovation squared: 1 if the noise is right
+        self.square = (
+            1.0  #: mean normalised innovation squared: 1 if the noise is right
+        )
         self._tolerance = max(NEAREST, TOLERANCE * sensor.noise)
         self.reset()
 
@@ -55,8 +69,12 @@ class Channel:
         """Forget all measurements of the sensor."""
         self.first = FirstMeasurements()  # until the axes have started
         self.stamp = -math.inf  #: of the newest measurement [s]
-        self.fitted = -math.inf  #: of the newest measurement that belonged to a level [s]
-        self._recent: deque[tuple[float, float]] = deque()  # stamp, residual (NaN: accepted)
+        self.fitted = (
+            -math.inf
+        )  #: of the newest measurement that belonged to a level [s]
+        self._recent: deque[tuple[float, float]] = (
+            deque()
+        )  # stamp, residual (NaN: accepted)
 
     def receive(self, now: float, stamp: float, value: float) -> float:
         """Return the time of measurement [s]; raise an InputError for a bad value or stamp."""
@@ -64,8 +82,11 @@ class Channel:
         if not math.isfinite(value):
             raise InputError.not_finite(sensor.name, value)
         if abs(value) > LARGEST:
-            raise InputError('unit', f'{sensor.name} rejected: {value:.4g} m is beyond '
-                             f'{LARGEST:g} m; next: publish it in metres')
+            raise InputError(
+                'unit',
+                f'{sensor.name} rejected: {value:.4g} m is beyond '
+                f'{LARGEST:g} m; next: publish it in metres',
+            )
         stamp -= sensor.delay
         require_recent(sensor.name, now - stamp, OLDEST, LEAD)
         if stamp <= self.stamp:
@@ -76,7 +97,11 @@ class Channel:
         return stamp
 
     def decide(
-        self, measurement: Measurement, residual: float, deviation: float, is_coasting: bool
+        self,
+        measurement: Measurement,
+        residual: float,
+        deviation: float,
+        is_coasting: bool,
     ) -> str:
         """
         Assign a measurement to a level of the wall, and return the event, if any.
@@ -119,8 +144,11 @@ class Channel:
     def _agreed_residual(self) -> float | None:
         """Return the residual shared by nearly all recent measurements; None if they differ."""
         stamps, residuals = np.transpose(self._recent)
-        if (len(stamps) < FEWEST or np.ptp(stamps) < 0.8 * SPAN
-                or np.isnan(residuals).mean() > 1.0 - AGREEMENT):
+        if (
+            len(stamps) < FEWEST
+            or np.ptp(stamps) < 0.8 * SPAN
+            or np.isnan(residuals).mean() > 1.0 - AGREEMENT
+        ):
             return None
         middle = float(np.nanmedian(residuals))
         is_close = np.abs(residuals - middle) <= self._tolerance

@@ -53,18 +53,29 @@ class DisturbanceEstimator:
 
     def __init__(self, setup: EstimatorSetup) -> None:
         self._gate = ImuGate(setup.imu)
-        self._levels = [Level(offset) for offset in dict.fromkeys((0.0, *setup.wall.levels))]
+        self._levels = [
+            Level(offset) for offset in dict.fromkeys((0.0, *setup.wall.levels))
+        ]
         sensors = model.make_sensors(setup)
         #: the sensors of the wall by their names
-        self.channels = {sensor.name: Channel(
-            sensor, self._levels if sensor.name in setup.distances else [Level(0.0)])
-            for sensor in sensors}
+        self.channels = {
+            sensor.name: Channel(
+                sensor, self._levels if sensor.name in setup.distances else [Level(0.0)]
+            )
+            for sensor in sensors
+        }
         self._distances = [self.channels[name] for name in setup.distances]
-        self._groups = [self._distances] * bool(self._distances) + [  # sensors that start together
-            [channel] for name, channel in self.channels.items() if name not in setup.distances]
+        self._groups = [self._distances] * bool(
+            self._distances
+        ) + [  # sensors that start together
+            [channel]
+            for name, channel in self.channels.items()
+            if name not in setup.distances
+        ]
         self._middle = model.pose_sensors('rail', (0.0, 0.0, 0.0), 0.0, setup.imu)
         self._process = model.Process(
-            setup.imu, [state for sensor in sensors for state in sensor.states])
+            setup.imu, [state for sensor in sensors for state in sensor.states]
+        )
         #: the newest events: (re)starts of axes, new levels, loss and return of the IMU
         self.events: deque[EstimatorEvent] = deque(maxlen=50)
         #: a wrong connection or unit, after which no estimates are published
@@ -90,7 +101,11 @@ class DisturbanceEstimator:
         elapsed = now - self._now
         if not -LEAD <= elapsed <= LONGEST_GAP:
             self._now = now
-            self._reset(f'the clock advanced by {elapsed:.3f} s' if math.isfinite(elapsed) else '')
+            self._reset(
+                f'the clock advanced by {elapsed:.3f} s'
+                if math.isfinite(elapsed)
+                else ''
+            )
         self._now = max(now, self._now)
 
     def add_imu(
@@ -119,7 +134,12 @@ class DisturbanceEstimator:
             self._history.add_input(stamp, mean)
 
     def add(
-        self, name: str, now: float, stamp: float, value: float, variance: float | None = None
+        self,
+        name: str,
+        now: float,
+        stamp: float,
+        value: float,
+        variance: float | None = None,
     ) -> None:
         """
         Add a measurement [m or rad] of a sensor, with its variance [m² or rad²] if known.
@@ -134,56 +154,85 @@ class DisturbanceEstimator:
         self._set_time(now)
         channel = self.channels[name]
         sensor, stamp = channel.sensor, channel.receive(now, stamp, value)
-        if isinstance(sensor, model.DistanceSensor) and not self.fault and (
-                fault := self._comparison.add_distance(sensor.lever[0], stamp, value)):
+        if (
+            isinstance(sensor, model.DistanceSensor)
+            and not self.fault
+            and (fault := self._comparison.add_distance(sensor.lever[0], stamp, value))
+        ):
             self.fault = fault
             self._note('all', fault)
         if not self.started.issuperset(sensor.axes):
             channel.first.add(stamp, value)
         elif stamp > self._history.oldest:
-            self._history.add_measurement(Measurement(
-                name, stamp, value, sensor.noise ** 2 if variance is None else variance))
+            self._history.add_measurement(
+                Measurement(
+                    name,
+                    stamp,
+                    value,
+                    sensor.noise**2 if variance is None else variance,
+                )
+            )
 
     def advance(self, now: float) -> RailMotion | None:
         """Return the newest motion of the rail; None before the first start or after a fault."""
         self._set_time(now)
-        silence = now - self._imu_arrival  # by arrival: stamps of a late IMU would always seem old
+        silence = (
+            now - self._imu_arrival
+        )  # by arrival: stamps of a late IMU would always seem old
         if silence > SILENCE:
             if not self.is_coasting:
                 self.is_coasting = True
-                self._note('imu', f'silent for {silence:.2f} s: the filter runs without it')
+                self._note(
+                    'imu', f'silent for {silence:.2f} s: the filter runs without it'
+                )
             self._history.add_input(self._now, None)
         for group in self._groups:
             if not self.started.issuperset(group[0].sensor.axes):
                 self._start(group)
         self._give_up_lost_axes()
-        return None if self.fault or not self.started else self._motion(self._history.update())
+        return (
+            None
+            if self.fault or not self.started
+            else self._motion(self._history.update())
+        )
 
     def delays(self) -> dict[str, tuple[float, float]]:
         """Return the estimated delay of each fix and its standard deviation [s]."""
         mean, covariance = self._history.update().state
-        return {name: (sensor.delay + float(mean[sensor.first + 1]),
-                       math.sqrt(covariance[sensor.first + 1, sensor.first + 1]))
-                for name, channel in self.channels.items()
-                if isinstance(sensor := channel.sensor, model.FeatureSensor)}
+        return {
+            name: (
+                sensor.delay + float(mean[sensor.first + 1]),
+                math.sqrt(covariance[sensor.first + 1, sensor.first + 1]),
+            )
+            for name, channel in self.channels.items()
+            if isinstance(sensor := channel.sensor, model.FeatureSensor)
+        }
 
     def _correct(self, step: Step, measurement: Measurement) -> model.FilterState:
         """Return the state of a step after the update with a measurement."""
         state, channel = step.state, self.channels[measurement.sensor]
         if measurement.level != OUTLIER:
             expected, jacobian = channel.sensor.expect(
-                state.mean.tolist(), measurement.stamp - step.stamp)
-            cross = state.covariance.dot(jacobian)  # dot() takes half the time of @ for vectors
+                state.mean.tolist(), measurement.stamp - step.stamp
+            )
+            cross = state.covariance.dot(
+                jacobian
+            )  # dot() takes half the time of @ for vectors
             variance = max(float(cross.dot(jacobian)), 0.0) + measurement.variance
             residual = measurement.value - expected
-            if math.isnan(measurement.level) and (event := channel.decide(
-                    measurement, residual, math.sqrt(variance), not step.imu)):
+            if math.isnan(measurement.level) and (
+                event := channel.decide(
+                    measurement, residual, math.sqrt(variance), not step.imu
+                )
+            ):
                 self._note(measurement.sensor, event)
             if measurement.level != OUTLIER:
-                return model.update(state, cross, variance, residual - measurement.level)
+                return model.update(
+                    state, cross, variance, residual - measurement.level
+                )
         if measurement.spread:
             covariance, axes = state.covariance.copy(), channel.sensor.axes
-            covariance[axes, axes] += measurement.spread ** 2
+            covariance[axes, axes] += measurement.spread**2
             state = model.FilterState(state.mean, covariance)
         return state
 
@@ -191,16 +240,20 @@ class DisturbanceEstimator:
         """Start the axes of a group of sensors once enough measurements have arrived."""
         ready = [one for one in group if one.first.suffice(self._now)]
         begin = min(one.first.begin for one in group)
-        if not ready or (len(ready) < len(group) and self._now - begin < start.PATIENCE):
+        if not ready or (
+            len(ready) < len(group) and self._now - begin < start.PATIENCE
+        ):
             return
         sensor, values = ready[0].sensor, [one.first.densest() for one in ready]
         state = self._process.forget(self._history.update().state, sensor.axes)
         names = ', '.join(one.sensor.name for one in ready)
         if isinstance(sensor, model.DistanceSensor):
             sensor.distance, y, state.mean[YAW] = start.start_at_wall(
-                sensor.distance, np.subtract(
-                    [one.sensor.lever for one in ready], self._middle[X].lever),
-                values, [level.offset for level in self._levels])
+                sensor.distance,
+                np.subtract([one.sensor.lever for one in ready], self._middle[X].lever),
+                values,
+                [level.offset for level in self._levels],
+            )
             state.mean[Y] += self._middle[Y].shift(state.mean, y)
             names += f', {1e3 * sensor.distance:.0f} mm from the wall'
         else:
@@ -234,7 +287,9 @@ class DisturbanceEstimator:
             else:
                 continue
             axes = (Y, YAW) if axis != X and self._distances else (axis,)
-            self._history.restart(self._process.forget(self._history.update().state, axes))
+            self._history.restart(
+                self._process.forget(self._history.update().state, axes)
+            )
             if axis in self.started:
                 self._note(_names(axes), reason)
                 self.started.difference_update(axes)
@@ -242,23 +297,34 @@ class DisturbanceEstimator:
     def _is_locked_out(self, axis: int) -> bool:
         """Return whether all measurements of an axis have been rejected for `LOST` [s]."""
         channels = [one for one in self.channels.values() if axis in one.sensor.axes]
-        return (any(one.stamp - one.fitted > LOST for one in channels)
-                and all(self._now - one.fitted > LOST for one in channels))
+        return any(one.stamp - one.fitted > LOST for one in channels) and all(
+            self._now - one.fitted > LOST for one in channels
+        )
 
     def _motion(self, step: Step) -> RailMotion:
         """Return the motion of the rail's middle [m, rad, s]."""
         mean, covariance = step.state
         values, by_state = mean.tolist(), np.zeros((6, len(mean)))
         pose, by_state[:3] = zip(
-            *[sensor.expect(values, 0.0) for sensor in self._middle], strict=True)
+            *[sensor.expect(values, 0.0) for sensor in self._middle], strict=True
+        )
         x, y, _ = self._middle[X].lever
         cosine, sine = math.cos(pose[YAW]), math.sin(pose[YAW])
-        by_state[3:, model.RATES] = (cosine, sine, -y), (-sine, cosine, x), (0.0, 0.0, 1.0)
+        by_state[3:, model.RATES] = (
+            (cosine, sine, -y),
+            (-sine, cosine, x),
+            (0.0, 0.0, 1.0),
+        )
         both = by_state @ covariance @ by_state.T
         for axis in {X, Y, YAW} - self.started:
             both[axis, axis] += 10.0 * GIVEN_UP[axis]
-        return RailMotion(step.stamp, Pose(*pose), both[:3, :3],
-                          Twist(*(by_state[3:] @ mean).tolist()), both[3:, 3:])
+        return RailMotion(
+            step.stamp,
+            Pose(*pose),
+            both[:3, :3],
+            Twist(*(by_state[3:] @ mean).tolist()),
+            both[3:, 3:],
+        )
 
     def _note(self, subject: str, reason: str) -> None:
         self.events.append(EstimatorEvent(self._now, f'{subject}: {reason}'))

@@ -12,7 +12,10 @@ from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.estimation.settings import ImuSettings
 from facade_manipulator.kinematics import GRAVITY
 
-OLDEST, LEAD = 0.3, 0.01  # s: maximum age of a measurement, and maximum difference of clocks
+OLDEST, LEAD = (
+    0.3,
+    0.01,
+)  # s: maximum age of a measurement, and maximum difference of clocks
 MOST_IN_G = 1.7  # maximum acceleration at rest [m/s²] that means an IMU with the unit g
 SETTLING = 0.005  # share of a measurement in the mean acceleration
 UPRIGHT = 0.8  # minimum share of the acceleration along the rail's z: 37 degrees
@@ -20,17 +23,22 @@ SHORTEST = 0.1  # m, minimum between two distance sensors to measure yaw
 WINDOW, WINDOWS, FEWEST = 0.5, 24, 10  # s, number, minimum number of the compared turns
 TURNED = 2e-3  # rad, minimum standard deviation of the turns to compare
 CORRELATED = 0.8  # squared correlation of the turns that shows a fault
-SWAPPED = -0.4  # maximum ratio of distance turns to gyroscope turns that means swapped sides
+SWAPPED = (
+    -0.4
+)  # maximum ratio of distance turns to gyroscope turns that means swapped sides
 DEGREES = 0.6 * math.pi / 180.0, 1.6 * math.pi / 180.0  # ratios that mean degrees
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
     """Return the rotation matrix Rz(yaw) Ry(pitch) Rx(roll) for angles [rad]."""
     (cr, cp, cy), (sr, sp, sy) = np.cos((roll, pitch, yaw)), np.sin((roll, pitch, yaw))
-    return np.array([
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr]])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
 
 
 class ImuGate:
@@ -40,7 +48,11 @@ class ImuGate:
         self._delay = settings.delay
         self._rotation = rotation(*settings.mounting[3:]).tolist()
         self.stamp = -math.inf  #: of the newest measurement [s]
-        self._mean = [0.0, 0.0, GRAVITY]  # mean acceleration of about the last second [m/s²]
+        self._mean = [
+            0.0,
+            0.0,
+            GRAVITY,
+        ]  # mean acceleration of about the last second [m/s²]
 
     def check(
         self, now: float, stamp: float, rates: Sequence[float], forces: Sequence[float]
@@ -61,25 +73,37 @@ class ImuGate:
         require_recent('imu', now - stamp, OLDEST, LEAD)
         if stamp <= self.stamp:
             raise InputError.out_of_order('imu', self.stamp - stamp)
-        turned, forced = ([a * x + b * y + c * z for a, b, c in self._rotation]
-                          for x, y, z in (rates, forces))
-        self._mean = [mean + SETTLING * (force - mean)
-                      for mean, force in zip(self._mean, forced, strict=True)]
+        turned, forced = (
+            [a * x + b * y + c * z for a, b, c in self._rotation]
+            for x, y, z in (rates, forces)
+        )
+        self._mean = [
+            mean + SETTLING * (force - mean)
+            for mean, force in zip(self._mean, forced, strict=True)
+        ]
         for what, value, bound, unit in (  # beyond them an IMU is saturated or broken
-                ('turning rate', max(map(abs, rates)), 4.0, 'rad/s'),
-                ('acceleration', math.hypot(*forces), 30.0, 'm/s^2')):
+            ('turning rate', max(map(abs, rates)), 4.0, 'rad/s'),
+            ('acceleration', math.hypot(*forces), 30.0, 'm/s^2'),
+        ):
             if value >= bound:
-                raise InputError('saturated', f'imu rejected: {what} = {value:.3g} {unit} is not '
-                                 f'below {bound:g} {unit}; next: check range and unit of the imu')
+                raise InputError(
+                    'saturated',
+                    f'imu rejected: {what} = {value:.3g} {unit} is not '
+                    f'below {bound:g} {unit}; next: check range and unit of the imu',
+                )
         upwards, whole = self._mean[2], math.hypot(*self._mean)
         if whole < MOST_IN_G:
             raise InputError(
-                'unit', f'imu rejected: mean acceleration = {whole:.3g} m/s^2, expected about '
-                f'{GRAVITY} m/s^2; next: publish accelerations in m/s^2 and with gravity')
+                'unit',
+                f'imu rejected: mean acceleration = {whole:.3g} m/s^2, expected about '
+                f'{GRAVITY} m/s^2; next: publish accelerations in m/s^2 and with gravity',
+            )
         if upwards < UPRIGHT * whole:
             raise InputError(
-                'mounting', f"imu rejected: acceleration along the rail's z = {upwards:.3g} m/s^2 "
-                f'of {whole:.3g} m/s^2; next: correct roll and pitch of imu.mounting')
+                'mounting',
+                f"imu rejected: acceleration along the rail's z = {upwards:.3g} m/s^2 "
+                f'of {whole:.3g} m/s^2; next: correct roll and pitch of imu.mounting',
+            )
         self.stamp = stamp
         return stamp, (*turned, *forced)
 
@@ -102,7 +126,8 @@ class YawComparison:
         self._newest[place] = distance
         left, right = min(self._newest), max(self._newest)
         if right - left < SHORTEST or (
-                self._samples and stamp - self._samples[-1][0] < WINDOW):
+            self._samples and stamp - self._samples[-1][0] < WINDOW
+        ):
             return ''
         yaw = (self._newest[left] - self._newest[right]) / (right - left)
         self._samples.append((stamp, self.turned, yaw))
@@ -110,13 +135,17 @@ class YawComparison:
             return ''
         _, *turns = np.diff(self._samples, axis=0).T
         (variance, common), (_, other) = np.cov(turns)
-        if variance < TURNED ** 2 or common ** 2 < CORRELATED * variance * other:
+        if variance < TURNED**2 or common**2 < CORRELATED * variance * other:
             return ''
         ratio = common / variance  # independent of the gyroscope's bias
         if ratio < SWAPPED:
-            return ('the yaw of the distances is opposite to that of the imu; next: swap left and '
-                    'right, or correct imu.mounting')
+            return (
+                'the yaw of the distances is opposite to that of the imu; next: swap left and '
+                'right, or correct imu.mounting'
+            )
         if DEGREES[0] < abs(ratio) < DEGREES[1]:
-            return ('the imu turns 57 times as far as the distances; next: publish turning rates '
-                    'in rad/s, not in degrees per second')
+            return (
+                'the imu turns 57 times as far as the distances; next: publish turning rates '
+                'in rad/s, not in degrees per second'
+            )
         return ''

@@ -16,11 +16,14 @@ class SensorNames:
     """Topics of the sensors; each name is also the prefix of the sensor's parameters."""
 
     distances: tuple[str, ...] = parameter(
-        'Topics of distance sensors', default=('range_1', 'range_2'))
+        'Topics of distance sensors', default=('range_1', 'range_2')
+    )
     fixes: tuple[str, ...] = parameter(
-        'Topics of sensors that see a feature of the wall', default=('fix_x',))
+        'Topics of sensors that see a feature of the wall', default=('fix_x',)
+    )
     poses: tuple[str, ...] = parameter(
-        "Topics of estimators of the rail's pose", default=('fix_pose',))
+        "Topics of estimators of the rail's pose", default=('fix_pose',)
+    )
 
 
 @settings
@@ -28,16 +31,30 @@ class ImuSettings:
     """Mounting and noise of the IMU."""
 
     mounting: tuple[float, ...] = parameter(
-        'Place and attitude on the rail: x, y, z, roll, pitch, yaw', default=(0.0,) * 6,
-        unit='m, rad', minimum=-20.0, maximum=20.0, elements=(*PLACE, 'roll', 'pitch', 'yaw'))
+        'Place and attitude on the rail: x, y, z, roll, pitch, yaw',
+        default=(0.0,) * 6,
+        unit='m, rad',
+        minimum=-20.0,
+        maximum=20.0,
+        elements=(*PLACE, 'roll', 'pitch', 'yaw'),
+    )
     delay: float = parameter(
-        'Delay of the stamps', default=0.0, unit='s', minimum=-0.1, maximum=0.1)
+        'Delay of the stamps', default=0.0, unit='s', minimum=-0.1, maximum=0.1
+    )
     gyroscope_noise: float = parameter(
-        'Noise density of the turning rates', default=1.5e-4, unit='rad/s/√Hz', minimum=1e-6,
-        maximum=1e-2)
+        'Noise density of the turning rates',
+        default=1.5e-4,
+        unit='rad/s/√Hz',
+        minimum=1e-6,
+        maximum=1e-2,
+    )
     accelerometer_noise: float = parameter(
-        'Noise density of the accelerations', default=2e-3, unit='m/s^2/√Hz', minimum=1e-5,
-        maximum=1e-1)
+        'Noise density of the accelerations',
+        default=2e-3,
+        unit='m/s^2/√Hz',
+        minimum=1e-5,
+        maximum=1e-1,
+    )
 
 
 @settings
@@ -45,16 +62,30 @@ class DistanceSettings:
     """Settings of a sensor of the wall's distance along the rail's y."""
 
     mounting: tuple[float, ...] = parameter(
-        'Place on the rail: x, y, z', default=(0.0, 0.0, 0.0), unit='m', minimum=-20.0,
-        maximum=20.0, elements=PLACE)
+        'Place on the rail: x, y, z',
+        default=(0.0, 0.0, 0.0),
+        unit='m',
+        minimum=-20.0,
+        maximum=20.0,
+        elements=PLACE,
+    )
     noise: float = parameter(
-        'Standard deviation between measurements', default=2e-4, unit='m', minimum=1e-6,
-        maximum=0.1)
+        'Standard deviation between measurements',
+        default=2e-4,
+        unit='m',
+        minimum=1e-6,
+        maximum=0.1,
+    )
     place_noise: float = parameter(
-        'Standard deviation between places of the wall', default=2e-4, unit='m', minimum=1e-6,
-        maximum=0.1)
+        'Standard deviation between places of the wall',
+        default=2e-4,
+        unit='m',
+        minimum=1e-6,
+        maximum=0.1,
+    )
     delay: float = parameter(
-        'Delay of the stamps', default=0.0, unit='s', minimum=-0.3, maximum=0.3)
+        'Delay of the stamps', default=0.0, unit='s', minimum=-0.3, maximum=0.3
+    )
 
 
 @settings
@@ -64,10 +95,19 @@ class FixSettings(DistanceSettings):
     noise: float = inherited(DistanceSettings, 'noise', default=5e-4)
     place_noise: float = inherited(DistanceSettings, 'place_noise', default=3e-4)
     feature: float = parameter(
-        'Place of the feature along the wall; 0 puts the rail at 0 at the start', default=0.0,
-        unit='m', minimum=-100.0, maximum=100.0)
+        'Place of the feature along the wall; 0 puts the rail at 0 at the start',
+        default=0.0,
+        unit='m',
+        minimum=-100.0,
+        maximum=100.0,
+    )
     delay_error: float = parameter(
-        'Standard deviation of the delay', default=2e-3, unit='s', minimum=1e-5, maximum=0.1)
+        'Standard deviation of the delay',
+        default=2e-3,
+        unit='s',
+        minimum=1e-5,
+        maximum=0.1,
+    )
 
 
 @settings
@@ -75,8 +115,13 @@ class PoseFixSettings:
     """Settings of another estimator of the rail's pose."""
 
     noise: tuple[float, ...] = parameter(
-        'Standard deviations of a message without covariance', default=(1e-3, 1e-3, 2e-3),
-        unit='m, m, rad', minimum=1e-6, maximum=1.0, elements=('x', 'y', 'yaw'))
+        'Standard deviations of a message without covariance',
+        default=(1e-3, 1e-3, 2e-3),
+        unit='m, m, rad',
+        minimum=1e-6,
+        maximum=1.0,
+        elements=('x', 'y', 'yaw'),
+    )
     delay: float = inherited(DistanceSettings, 'delay', default=0.0)
 
 
@@ -86,10 +131,18 @@ class ProfileSettings:
 
     distance: float = parameter(
         'Distance of the wall from the rail at rest; 0 takes the first measurement',
-        default=0.0, unit='m', minimum=0.0, maximum=20.0)
+        default=0.0,
+        unit='m',
+        minimum=0.0,
+        maximum=20.0,
+    )
     levels: tuple[float, ...] = parameter(
         'Offsets of recesses behind the wall; negative for mullions and transoms',
-        default=(0.0,), unit='m', minimum=-5.0, maximum=5.0)
+        default=(0.0,),
+        unit='m',
+        minimum=-5.0,
+        maximum=5.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -103,9 +156,20 @@ class EstimatorSetup:
     poses: dict[str, PoseFixSettings] = field(default_factory=dict)
 
     @classmethod
-    def read(cls, names: SensorNames, read: Callable[[Any, str], Any]) -> EstimatorSetup:
+    def read(
+        cls, names: SensorNames, read: Callable[[Any, str], Any]
+    ) -> EstimatorSetup:
         """Return all settings, except for empty names; `read` takes a class and a prefix."""
-        groups = ((DistanceSettings, names.distances), (FixSettings, names.fixes),
-                  (PoseFixSettings, names.poses))
-        return cls(read(ImuSettings, 'imu'), read(ProfileSettings, 'wall'), *(
-            {name: read(kind, name) for name in group if name} for kind, group in groups))
+        groups = (
+            (DistanceSettings, names.distances),
+            (FixSettings, names.fixes),
+            (PoseFixSettings, names.poses),
+        )
+        return cls(
+            read(ImuSettings, 'imu'),
+            read(ProfileSettings, 'wall'),
+            *(
+                {name: read(kind, name) for name in group if name}
+                for kind, group in groups
+            ),
+        )

@@ -36,19 +36,22 @@ class FirstMeasurements:
     def suffice(self, now: float) -> bool:
         """Return whether enough measurements, including recent ones, exist at a time [s]."""
         return len(self._items) >= FEWEST and self._items[-1][0] > max(
-            self.begin + PERIOD, now - PATIENCE)
+            self.begin + PERIOD, now - PATIENCE
+        )
 
     def densest(self) -> float:
         """Return the newest value of the densest cluster [m or rad]."""
         values = np.array([value for _, value in self._items])
         ordered, count = np.sort(values), max(int(DENSEST * len(values)), 2)
-        first = int(np.argmin(ordered[count - 1:] - ordered[:1 - count]))
+        first = int(np.argmin(ordered[count - 1 :] - ordered[: 1 - count]))
         is_close = (ordered[first] <= values) & (values <= ordered[first + count - 1])
         return float(values[is_close][-1])
 
 
 def start_at_wall(
-    distance: float, mountings: np.ndarray, measured: Sequence[float],
+    distance: float,
+    mountings: np.ndarray,
+    measured: Sequence[float],
     levels: Sequence[float],
 ) -> tuple[float, float, float]:
     """
@@ -69,12 +72,19 @@ def start_at_wall(
     candidates = []
     for chosen in product(levels, repeat=len(measured)):
         ends = np.array(measured) + across - chosen
-        slope, middle = (np.polyfit(along, ends, 1) if np.ptp(along) > ROUGHNESS
-                         else (0.0, ends.mean()))
+        slope, middle = (
+            np.polyfit(along, ends, 1)
+            if np.ptp(along) > ROUGHNESS
+            else (0.0, ends.mean())
+        )
         y = distance - middle if distance else 0.0
         rest = ends - middle - slope * along
-        cost = ((slope / YAW_AT_REST) ** 2 + (y / Y_AT_REST) ** 2 + np.sum(
-            (rest / ROUGHNESS) ** 2) + np.sum((np.array(chosen) / LEVEL) ** 2))
+        cost = (
+            (slope / YAW_AT_REST) ** 2
+            + (y / Y_AT_REST) ** 2
+            + np.sum((rest / ROUGHNESS) ** 2)
+            + np.sum((np.array(chosen) / LEVEL) ** 2)
+        )
         candidates.append((cost, float(distance or middle), float(y), -float(slope)))
     _, distance, y, yaw = min(candidates)
     return distance, y, yaw

@@ -68,8 +68,13 @@ def joints(geometry: Geometry, pose: Pose) -> JointPoints:
     along = geometry.platform_half_length * cos(pose.theta)
     out = geometry.platform_half_length * sin(pose.theta)
     return JointPoints(
-        (q1, 0.0), (q2, 0.0), (q3, 0.0),
-        (pose.x - along, pose.y - out), (pose.x + along, pose.y + out), (pose.x, pose.y))
+        (q1, 0.0),
+        (q2, 0.0),
+        (q3, 0.0),
+        (pose.x - along, pose.y - out),
+        (pose.x + along, pose.y + out),
+        (pose.x, pose.y),
+    )
 
 
 def tree(geometry: Geometry) -> tuple[TreeJoint, ...]:
@@ -101,8 +106,10 @@ def positions(mechanism: Mechanism, head: Pose) -> tuple[float, ...]:
     """
     platform = mechanism.platform(head)
     carriages = mechanism.on_rail(mechanism.inverse_kinematics(head))
-    ends = (compose(platform, Pose(side * half, 0.0, 0.0)) for side, half in zip(
-        (-1.0, 1.0), mechanism.geometry.half_lengths, strict=True))
+    ends = (
+        compose(platform, Pose(side * half, 0.0, 0.0))
+        for side, half in zip((-1.0, 1.0), mechanism.geometry.half_lengths, strict=True)
+    )
     swings = (atan2(end.y, end.x - q) for end, q in zip(ends, carriages, strict=False))
     return (*carriages, platform.y, platform.theta, *swings)
 
@@ -143,7 +150,9 @@ def _add_joint(
 def _range(geometry: Geometry, joint: TreeJoint) -> tuple[float, float] | None:
     """Return the minimum and maximum position of a prismatic joint [m]."""
     if joint.name in Carriages._fields:
-        ends = (Mechanism(geometry).on_rail(Carriages(q, q, q)) for q in geometry.stroke)
+        ends = (
+            Mechanism(geometry).on_rail(Carriages(q, q, q)) for q in geometry.stroke
+        )
         lower, upper = (getattr(end, joint.name) for end in ends)
         return lower, upper
     reach = max(geometry.link_lengths) + max(geometry.half_lengths)
@@ -153,25 +162,55 @@ def _range(geometry: Geometry, joint: TreeJoint) -> tuple[float, float] | None:
 def _boxes(geometry: Geometry) -> Iterator[tuple[str, Sequence[float], Pose, str]]:
     """Yield the link, size [m], centre [m] and colour of each visible box."""
     minimum, maximum = geometry.stroke
-    yield ('rail', (geometry.stroke_length, RAIL_DEPTH, RAIL_HEIGHT),
-           Pose(0.5 * (minimum + maximum), 0.0, geometry.rail_angle), 'dark')
+    yield (
+        'rail',
+        (geometry.stroke_length, RAIL_DEPTH, RAIL_HEIGHT),
+        Pose(0.5 * (minimum + maximum), 0.0, geometry.rail_angle),
+        'dark',
+    )
     width = max(geometry.carriage_gap, THINNEST_CARRIAGE)
     for side, length in enumerate(geometry.link_lengths, start=1):
-        yield (f'link_{side}', (length, LINK_WIDTH, LINK_WIDTH), Pose(0.5 * length, 0.0, 0.0),
-               'blue')
+        yield (
+            f'link_{side}',
+            (length, LINK_WIDTH, LINK_WIDTH),
+            Pose(0.5 * length, 0.0, 0.0),
+            'blue',
+        )
     for number in (1, 2, 3):
-        yield (f'carriage_{number}', (width, CARRIAGE_DEPTH, CARRIAGE_HEIGHT), ZERO_POSE, 'blue')
-    yield ('carriage_3', (GUIDE_WIDTH, geometry.link_length, GUIDE_WIDTH),
-           Pose(0.0, 0.5 * geometry.link_length, 0.0), 'grey')
+        yield (
+            f'carriage_{number}',
+            (width, CARRIAGE_DEPTH, CARRIAGE_HEIGHT),
+            ZERO_POSE,
+            'blue',
+        )
+    yield (
+        'carriage_3',
+        (GUIDE_WIDTH, geometry.link_length, GUIDE_WIDTH),
+        Pose(0.0, 0.5 * geometry.link_length, 0.0),
+        'grey',
+    )
     half_1, half_2 = geometry.half_lengths
-    yield ('platform', (half_1 + half_2, PLATFORM_WIDTH, PLATFORM_WIDTH),
-           Pose(0.5 * (half_2 - half_1), 0.0, 0.0), 'blue')
-    yield ('end_effector', (HEAD_WIDTH, HEAD_LENGTH, HEAD_WIDTH),
-           Pose(0.0, 0.5 * HEAD_LENGTH, 0.0), 'grey')
+    yield (
+        'platform',
+        (half_1 + half_2, PLATFORM_WIDTH, PLATFORM_WIDTH),
+        Pose(0.5 * (half_2 - half_1), 0.0, 0.0),
+        'blue',
+    )
+    yield (
+        'end_effector',
+        (HEAD_WIDTH, HEAD_LENGTH, HEAD_WIDTH),
+        Pose(0.0, 0.5 * HEAD_LENGTH, 0.0),
+        'grey',
+    )
 
 
 def _origin(element: Element, pose: Pose) -> None:
-    SubElement(element, 'origin', xyz=_text((*pose[:2], 0.0)), rpy=_text((0.0, 0.0, pose.theta)))
+    SubElement(
+        element,
+        'origin',
+        xyz=_text((*pose[:2], 0.0)),
+        rpy=_text((0.0, 0.0, pose.theta)),
+    )
 
 
 def _text(numbers: Sequence[float]) -> str:

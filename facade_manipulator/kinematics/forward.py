@@ -19,16 +19,24 @@ from __future__ import annotations
 
 from math import atan2, cos, isfinite, sin, sqrt
 
-from facade_manipulator.errors import ManipulatorError, SingularityError, UnreachableError
+from facade_manipulator.errors import (
+    ManipulatorError,
+    SingularityError,
+    UnreachableError,
+)
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
 
 FARTHEST = 200.0  # m, maximum l + b of a geometry; no power of it overflows
 # such a step leaves an error of its square, and the refinement squares that error
 STEP_TOLERANCE = 1e-5
-POLISHED = 1e-8  # a Newton step on the links below this size changes no digit that matters
+POLISHED = (
+    1e-8  # a Newton step on the links below this size changes no digit that matters
+)
 ITERATIONS = 100
 FLAT = 1e-6  # m, distance from the rail below which the rounding of y² decides
-ROOT_TOLERANCE = 1e-7  # tolerance of a root of the cubic; a double root has half the digits
+ROOT_TOLERANCE = (
+    1e-7  # tolerance of a root of the cubic; a double root has half the digits
+)
 
 _new_tuple = tuple.__new__  # creates a named tuple in half the time of its constructor
 
@@ -92,9 +100,14 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> tuple[Pose, ...]
     import numpy as np
 
     modes = []
-    for root in np.roots([
-            product, constant, -distance * (half + e / half),
-            e * (1.0 + 0.25 * distance * distance / (half * half)) - constant]).tolist():
+    for root in np.roots(
+        [
+            product,
+            constant,
+            -distance * (half + e / half),
+            e * (1.0 + 0.25 * distance * distance / (half * half)) - constant,
+        ]
+    ).tolist():
         cosine = min(1.0, max(-1.0, root.real))
         y_square = constant - e + product * cosine
         if abs(root - cosine) > ROOT_TOLERANCE or y_square < -ROOT_TOLERANCE:
@@ -103,7 +116,9 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> tuple[Pose, ...]
         theta = atan2(sqrt(1.0 - cosine * cosine), cosine)
         # At y = 0 the lengths do not depend on y, and Newton's method diverges.
         if y > FLAT:
-            theta = atan2(skew * (2.0 * half * cosine - distance) / (4.0 * half * y), cosine)
+            theta = atan2(
+                skew * (2.0 * half * cosine - distance) / (4.0 * half * y), cosine
+            )
             y, theta = _polish((length, length, half, half), q1 - q3, q2 - q3, y, theta)
         modes += [Pose(q3, y, theta), Pose(q3, -y, -theta)]
     return tuple(sorted(modes, key=lambda pose: (-cos(pose.theta), -pose.y)))
@@ -133,7 +148,9 @@ def assemble(
     return y + dy, theta + dtheta
 
 
-def close(length: float, half: float, left: float, right: float) -> tuple[float, float, float]:
+def close(
+    length: float, half: float, left: float, right: float
+) -> tuple[float, float, float]:
     """
     Return y [m], sin θ and cos θ by the root u = 1 − cos θ of f0 − f1 u + f2 u² − f3 u³.
 
@@ -145,8 +162,11 @@ def close(length: float, half: float, left: float, right: float) -> tuple[float,
     product = half * distance  # f3
     constant = (length - half) * (length + half) - 0.25 * distance * distance  # K0
     u = _least_root(
-        e * slack * slack, 2.0 * (product + constant) - e * distance / half,
-        3.0 * product + constant, product)
+        e * slack * slack,
+        2.0 * (product + constant) - e * distance / half,
+        3.0 * product + constant,
+        product,
+    )
     square = constant + product - e - product * u
     if square <= 0.0:
         raise UnreachableError('y squared', square, 0.0, 'm2', 'not above')
@@ -162,7 +182,11 @@ def close(length: float, half: float, left: float, right: float) -> tuple[float,
 
 
 def _newton_step(
-    lengths: tuple[float, float, float, float], left: float, right: float, y: float, sine: float,
+    lengths: tuple[float, float, float, float],
+    left: float,
+    right: float,
+    y: float,
+    sine: float,
     cosine: float,
 ) -> tuple[float, float]:
     """
@@ -181,12 +205,18 @@ def _newton_step(
     if number == 0.0:
         raise SingularityError('|N|', 0.0, 0.0, 'm2', 'not above')
     scale = -0.5 / number
-    return (scale * (residual1 * turn2 + residual2 * turn1),
-            scale * (residual2 * u1 - residual1 * u2))
+    return (
+        scale * (residual1 * turn2 + residual2 * turn1),
+        scale * (residual2 * u1 - residual1 * u2),
+    )
 
 
 def _polish(
-    lengths: tuple[float, float, float, float], left: float, right: float, y: float, theta: float
+    lengths: tuple[float, float, float, float],
+    left: float,
+    right: float,
+    y: float,
+    theta: float,
 ) -> tuple[float, float]:
     """Return y and θ after Newton steps that are repeated while they shrink [m, rad]."""
     last = 1.0
@@ -223,7 +253,9 @@ def _least_root(f0: float, f1: float, f2: float, f3: float) -> float:
         slope = f1 - u * (2.0 * f2 - 3.0 * u * f3)
     residual = f0 - u * (f1 - u * (f2 - u * f3))
     if residual > 0.0:
-        raise UnreachableError('closure residual of the links', residual, 0.0, 'm2', 'above')
+        raise UnreachableError(
+            'closure residual of the links', residual, 0.0, 'm2', 'above'
+        )
     return u  # The cubic has this root, but y is not real there: the caller reports y.
 
 
@@ -231,8 +263,12 @@ def _other_working_mode(projection1: float, projection2: float) -> UnreachableEr
     """Return the error that names the carriage outside its platform joint."""
     name = 'q1 - q3' if projection1 <= 0.0 else 'q3 - q2'
     return UnreachableError(
-        f'{name} + b cos(theta)', min(projection1, projection2), 0.0, 'm',
-        'of another working mode, not above')
+        f'{name} + b cos(theta)',
+        min(projection1, projection2),
+        0.0,
+        'm',
+        'of another working mode, not above',
+    )
 
 
 def not_in_order(carriages: Carriages) -> ManipulatorError:
@@ -242,5 +278,7 @@ def not_in_order(carriages: Carriages) -> ManipulatorError:
         return not_finite(carriages)
     apart = max(abs(q1 - q3), abs(q2 - q3))
     if apart > FARTHEST:
-        return UnreachableError('distance of a carriage from q3', apart, FARTHEST, 'm', 'above')
+        return UnreachableError(
+            'distance of a carriage from q3', apart, FARTHEST, 'm', 'above'
+        )
     return UnreachableError('q2 - q1', q2 - q1, 0.0, 'm', 'not above')

@@ -48,8 +48,8 @@ GRAVITY = 9.81  # m/s²
 def _error(default: tuple[float, ...], description: str, **info: Any) -> Any:
     """Declare a parameter for lengths by which the machine differs from its drawing [m]."""
     return parameter(
-        description, default=default, unit='m', minimum=-0.05, maximum=0.05,
-        **info)
+        description, default=default, unit='m', minimum=-0.05, maximum=0.05, **info
+    )
 
 
 @settings
@@ -71,51 +71,93 @@ class Geometry:
     """
 
     link_length: float = parameter(
-        'Length of the two links', default=0.352, unit='m', minimum=1e-3, maximum=100.0)
+        'Length of the two links', default=0.352, unit='m', minimum=1e-3, maximum=100.0
+    )
     platform_half_length: float = parameter(
-        'Half the length of the platform, joint to end-effector point', default=0.348,
-        unit='m', minimum=1e-3, maximum=100.0)
+        'Half the length of the platform, joint to end-effector point',
+        default=0.348,
+        unit='m',
+        minimum=1e-3,
+        maximum=100.0,
+    )
     stroke: tuple[float, float] = parameter(
-        'Minimum and maximum position of the carriages', default=(-0.5, 0.5), unit='m',
-        minimum=-100.0, maximum=100.0, elements=('minimum', 'maximum'))
+        'Minimum and maximum position of the carriages',
+        default=(-0.5, 0.5),
+        unit='m',
+        minimum=-100.0,
+        maximum=100.0,
+        elements=('minimum', 'maximum'),
+    )
     carriage_gap: float = parameter(
-        'Minimum distance of neighbouring carriages', default=0.02,
-        unit='m', minimum=0.0, maximum=100.0)
+        'Minimum distance of neighbouring carriages',
+        default=0.02,
+        unit='m',
+        minimum=0.0,
+        maximum=100.0,
+    )
     carriage_length: float = parameter(
-        'Distance of neighbouring carriages at which they touch', default=0.0,
-        unit='m', minimum=0.0, maximum=100.0)
+        'Distance of neighbouring carriages at which they touch',
+        default=0.0,
+        unit='m',
+        minimum=0.0,
+        maximum=100.0,
+    )
     link_errors: tuple[float, ...] = _error(
-        (0.0, 0.0), 'Excess of each link over link_length', elements=('A1', 'A2'))
+        (0.0, 0.0), 'Excess of each link over link_length', elements=('A1', 'A2')
+    )
     platform_errors: tuple[float, ...] = _error(
-        (0.0, 0.0), 'Excess of each half over platform_half_length', elements=('B1', 'B2'))
+        (0.0, 0.0),
+        'Excess of each half over platform_half_length',
+        elements=('B1', 'B2'),
+    )
     carriage_offsets: tuple[float, ...] = _error(
-        (0.0, 0.0, 0.0), 'Position on the rail at drive position 0', elements=CARRIAGES)
+        (0.0, 0.0, 0.0), 'Position on the rail at drive position 0', elements=CARRIAGES
+    )
     backlash: tuple[float, ...] = parameter(
-        'Backlash of each screw between its two directions', default=(0.0, 0.0, 0.0), unit='m',
-        minimum=0.0, maximum=0.01, elements=CARRIAGES)
+        'Backlash of each screw between its two directions',
+        default=(0.0, 0.0, 0.0),
+        unit='m',
+        minimum=0.0,
+        maximum=0.01,
+        elements=CARRIAGES,
+    )
     rail_angle: float = parameter(
-        'Angle of the real rail in frame rail', default=0.0, unit='rad', minimum=-0.2, maximum=0.2)
+        'Angle of the real rail in frame rail',
+        default=0.0,
+        unit='rad',
+        minimum=-0.2,
+        maximum=0.2,
+    )
     tool: tuple[float, ...] = parameter(
-        'Pose of the head on the platform: x, y, theta', default=(0.0, 0.0, 0.0), unit='m, m, rad',
-        minimum=-0.5, maximum=0.5, elements=Pose._fields)
+        'Pose of the head on the platform: x, y, theta',
+        default=(0.0, 0.0, 0.0),
+        unit='m, m, rad',
+        minimum=-0.5,
+        maximum=0.5,
+        elements=Pose._fields,
+    )
 
     def __post_init__(self) -> None:
         if self.stroke_length <= 0.0:
             raise ParameterError(
-                f'stroke = {self.stroke} m is empty; next: set a second value above the first')
+                f'stroke = {self.stroke} m is empty; next: set a second value above the first'
+            )
         if 2.0 * self.carriage_gap >= self.stroke_length:
             raise ParameterError(
                 f'carriage_gap = {self.carriage_gap:g} m leaves no room for three carriages '
-                f'on a stroke of {self.stroke_length:g} m; next: reduce carriage_gap')
+                f'on a stroke of {self.stroke_length:g} m; next: reduce carriage_gap'
+            )
         if self.carriage_length > self.carriage_gap:
             raise ParameterError(
                 f'carriage_length = {self.carriage_length:g} m is above carriage_gap = '
                 f'{self.carriage_gap:g} m, at which carriages would touch; next: increase '
-                'carriage_gap')
+                'carriage_gap'
+            )
         if self.carriage_gap >= self.platform_half_length:
             raise ParameterError(
                 f'carriage_gap = {self.carriage_gap:g} m is not below platform_half_length = '
-                f'{self.platform_half_length:g} m, so that no pose respects it; next: reduce it')
+                f'{self.platform_half_length:g} m, so that no pose respects it; next: reduce it'
+            )
 
     @property
     def stroke_length(self) -> float:
@@ -130,14 +172,28 @@ class Geometry:
     @property
     def half_lengths(self) -> tuple[float, ...]:
         """Return the manufactured distances from P to the platform's joints B1 and B2 [m]."""
-        return tuple(self.platform_half_length + error for error in self.platform_errors)
+        return tuple(
+            self.platform_half_length + error for error in self.platform_errors
+        )
 
     @property
     def is_nominal(self) -> bool:
         """Return whether the machine is assumed to match its drawing."""
-        return not (self.rail_angle or any(map(any, (
-            self.link_errors, self.platform_errors, self.carriage_offsets, self.backlash,
-            self.tool))))
+        return not (
+            self.rail_angle
+            or any(
+                map(
+                    any,
+                    (
+                        self.link_errors,
+                        self.platform_errors,
+                        self.carriage_offsets,
+                        self.backlash,
+                        self.tool,
+                    ),
+                )
+            )
+        )
 
 
 def not_finite(values: Pose | Carriages) -> ParameterError:

@@ -87,8 +87,14 @@ def working_modes(geometry: Geometry, pose: Pose) -> tuple[Carriages, ...]:
     _, cosine, _, _, projection1, projection2 = links(geometry, pose)
     span = geometry.platform_half_length * cosine
     return tuple(
-        Carriages(pose.x - span + sign1 * projection1, pose.x + span + sign2 * projection2, pose.x)
-        for sign1 in (1.0, -1.0) for sign2 in (1.0, -1.0))
+        Carriages(
+            pose.x - span + sign1 * projection1,
+            pose.x + span + sign2 * projection2,
+            pose.x,
+        )
+        for sign1 in (1.0, -1.0)
+        for sign2 in (1.0, -1.0)
+    )
 
 
 def links(geometry: Geometry, pose: Pose) -> Links:
@@ -123,7 +129,8 @@ def links(geometry: Geometry, pose: Pose) -> Links:
     root2 = square - u2 * u2
     if root1 <= 0.0 or root2 <= 0.0:
         raise UnreachableError(
-            '|y| + b |sin theta|', abs(y) + abs(rise), length, 'm', 'not below')
+            '|y| + b |sin theta|', abs(y) + abs(rise), length, 'm', 'not below'
+        )
     return sine, cos(theta), u1, u2, sqrt(root1), sqrt(root2)
 
 
@@ -143,7 +150,9 @@ def branch_number(at: tuple[Number, Number, Number, Number, Number, Number]) -> 
 
 
 def squared_index(
-    at: tuple[Number, Number, Number, Number, Number, Number], ratio1: float, ratio2: float
+    at: tuple[Number, Number, Number, Number, Number, Number],
+    ratio1: float,
+    ratio2: float,
 ) -> Number:
     """
     Return the square of the conditioning index, for floats or arrays.
@@ -165,8 +174,12 @@ def squared_index(
     sum2 = (y1 * y1 + y2 * y2) + (t1 * t1 + t2 * t2)
     cofactor2 = sum2 + (y1 + y2) * (y1 + y2) + (t1 - t2) * (t1 - t2)
     # If the mechanism is folded flat, d and k vanish together and the index is 0.
-    return 9.0 * determinant2 * product2 / (
-        (sum2 + 3.0 * product2) * (determinant2 + cofactor2 + _TINY))
+    return (
+        9.0
+        * determinant2
+        * product2
+        / ((sum2 + 3.0 * product2) * (determinant2 + cofactor2 + _TINY))
+    )
 
 
 def check_rail(
@@ -184,9 +197,13 @@ def check_rail(
     if q2 > maximum:
         raise StrokeLimitError('q2', q2, maximum, 'm', 'above')
     if distance1 < gap or distance1 <= 0.0:
-        raise CarriageGapError('q3 - q1', distance1, gap, 'm', 'below' if gap else 'not above')
+        raise CarriageGapError(
+            'q3 - q1', distance1, gap, 'm', 'below' if gap else 'not above'
+        )
     if distance2 < gap or distance2 <= 0.0:
-        raise CarriageGapError('q2 - q3', distance2, gap, 'm', 'below' if gap else 'not above')
+        raise CarriageGapError(
+            'q2 - q3', distance2, gap, 'm', 'below' if gap else 'not above'
+        )
 
 
 def check_branch(number: float, square: float = 1.0, least: float = 0.0) -> None:
@@ -197,7 +214,8 @@ def check_branch(number: float, square: float = 1.0, least: float = 0.0) -> None
     """
     if number <= 0.0:
         raise SingularityError(
-            'N', number, 0.0, 'm2', 'at or beyond the parallel singularity, not above')
+            'N', number, 0.0, 'm2', 'at or beyond the parallel singularity, not above'
+        )
     index = sqrt(square)
     if index < least:
         raise SingularityError('conditioning index', index, least, '', 'below')
@@ -206,4 +224,5 @@ def check_branch(number: float, square: float = 1.0, least: float = 0.0) -> None
 def behind_rail(y: float) -> SingularityError:
     """Return the error for a platform behind the rail, at y [m]."""
     return SingularityError(
-        'y', y, 0.0, 'm', 'behind the rail, on the mirrored assembly branch: not above')
+        'y', y, 0.0, 'm', 'behind the rail, on the mirrored assembly branch: not above'
+    )

@@ -131,7 +131,9 @@ def check_characteristic_length(length: float) -> None:
     Raises a ParameterError for any other value.
     """
     if not (math.isfinite(length) and length > 0.0):
-        raise ParameterError(f'characteristic_length = {length} m is not a positive length')
+        raise ParameterError(
+            f'characteristic_length = {length} m is not a positive length'
+        )
 
 
 def _entries(geometry: Geometry, pose: Pose) -> tuple[float, float, float, float]:

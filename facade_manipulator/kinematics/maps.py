@@ -69,7 +69,10 @@ def x_intervals(
 
 
 def pose_map(
-    geometry: Geometry, y: ArrayLike, theta: ArrayLike, characteristic_length: float = 1.0
+    geometry: Geometry,
+    y: ArrayLike,
+    theta: ArrayLike,
+    characteristic_length: float = 1.0,
 ) -> PoseMap:
     """
     Return the intervals, conditioning index and N of every (y, θ) in one `PoseMap`.
@@ -91,8 +94,10 @@ def pose_map(
     check_characteristic_length(characteristic_length)
     at = link_arrays(geometry, y, theta)
     return PoseMap(
-        *intervals_of(geometry, at), index_of(geometry, at, characteristic_length),
-        branch_number(at))
+        *intervals_of(geometry, at),
+        index_of(geometry, at, characteristic_length),
+        branch_number(at),
+    )
 
 
 def intervals_of(geometry: Geometry, at: Arrays) -> tuple[np.ndarray, np.ndarray]:
@@ -104,7 +109,9 @@ def intervals_of(geometry: Geometry, at: Arrays) -> tuple[np.ndarray, np.ndarray
     upper = greatest - span + projection2
     distance = span - np.maximum(projection1, projection2)
     with np.errstate(invalid='ignore'):
-        outside = (distance < geometry.carriage_gap) | (distance <= 0.0) | (lower > upper)
+        outside = (
+            (distance < geometry.carriage_gap) | (distance <= 0.0) | (lower > upper)
+        )
     lower[outside] = np.nan
     upper[outside] = np.nan
     return lower, upper

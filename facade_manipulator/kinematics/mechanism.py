@@ -48,7 +48,10 @@ class Mechanism:
         self._link1, self._link2 = geometry.link_lengths
         self._half1, self._half2 = geometry.half_lengths
         self._is_alike = self._link1 == self._link2 and self._half1 == self._half2
-        self._frame, self._tool = Pose(0.0, 0.0, geometry.rail_angle), Pose(*geometry.tool)
+        self._frame, self._tool = (
+            Pose(0.0, 0.0, geometry.rail_angle),
+            Pose(*geometry.tool),
+        )
         self._platform_on_tool = invert(self._tool)
 
     def platform(self, head: Pose) -> Pose:
@@ -97,19 +100,26 @@ class Mechanism:
             return jacobian(self.geometry, pose)
         import numpy as np
 
-        return np.array([self.carriage_velocity(pose, Twist(*unit)) for unit in np.eye(3)]).T
+        return np.array(
+            [self.carriage_velocity(pose, Twist(*unit)) for unit in np.eye(3)]
+        ).T
 
     def carriage_velocity(self, pose: Pose, velocity: Twist) -> Carriages:
         """Return the carriage velocities J·v for a velocity v of the head [m/s]."""
         platform = self._finite_platform(pose)
         y1, t1, y2, t2 = inverse.jacobian_entries(
-            self._links(platform), self._half1, self._half2)
+            self._links(platform), self._half1, self._half2
+        )
         vx, vy, omega = velocity
         if not self._is_nominal:
             cosine, sine = cos(self._frame.theta), sin(self._frame.theta)
-            arm = compose(Pose(0.0, 0.0, platform.theta), self._tool)  # vector from P to the head
-            vx, vy = (cosine * vx + sine * vy + arm.y * omega,
-                      cosine * vy - sine * vx - arm.x * omega)
+            arm = compose(
+                Pose(0.0, 0.0, platform.theta), self._tool
+            )  # vector from P to the head
+            vx, vy = (
+                cosine * vx + sine * vy + arm.y * omega,
+                cosine * vy - sine * vx - arm.x * omega,
+            )
         return Carriages(vx + y1 * vy + t1 * omega, vx + y2 * vy + t2 * omega, vx)
 
     def end_effector_force(self, pose: Pose, carriage_forces: Carriages) -> Wrench:
@@ -134,7 +144,9 @@ class Mechanism:
         except np.linalg.LinAlgError:
             raise SingularityError('|N|', 0.0, 0.0, 'm2', 'not above') from None
 
-    def certify(self, pose: Pose, min_conditioning: float = inverse.MIN_CONDITIONING) -> Carriages:
+    def certify(
+        self, pose: Pose, min_conditioning: float = inverse.MIN_CONDITIONING
+    ) -> Carriages:
         """
         Return the carriages of a pose [m] that respects all limits of the machine.
 
@@ -169,8 +181,11 @@ class Mechanism:
         counted = self._counted(actual)
         self._check_rail(actual, counted)
         unit = self.geometry.platform_half_length / inverse.CONDITIONING_RATIO
-        inverse.check_branch(self._branch_number(at), inverse.squared_index(
-            at, self._half1 / unit, self._half2 / unit), min_conditioning)
+        inverse.check_branch(
+            self._branch_number(at),
+            inverse.squared_index(at, self._half1 / unit, self._half2 / unit),
+            min_conditioning,
+        )
         return counted
 
     def check(self, *path: Carriages) -> None:
@@ -190,16 +205,24 @@ class Mechanism:
             left, right = q1 - q3, q2 - q3  # takes half the time of computing the pose
             y, sine, cosine = forward.close(self._link1, self._half1, left, right)
             rise, span = self._half1 * sine, self._half1 * cosine
-            inverse.check_branch(inverse.branch_number(
-                (sine, cosine, y - rise, y + rise, left + span, span - right)))
+            inverse.check_branch(
+                inverse.branch_number(
+                    (sine, cosine, y - rise, y + rise, left + span, span - right)
+                )
+            )
 
     def take_up(self, carriages: Carriages, velocity: Carriages) -> Carriages:
         """Return positions half the backlash ahead, in the direction of motion [m]."""
         if not any(self.geometry.backlash):
             return carriages
-        return Carriages(*(
-            q + 0.5 * play * max(-1.0, min(1.0, v / TAKE_UP_SPEED))
-            for q, v, play in zip(carriages, velocity, self.geometry.backlash, strict=True)))
+        return Carriages(
+            *(
+                q + 0.5 * play * max(-1.0, min(1.0, v / TAKE_UP_SPEED))
+                for q, v, play in zip(
+                    carriages, velocity, self.geometry.backlash, strict=True
+                )
+            )
+        )
 
     def _finite_platform(self, head: Pose) -> Pose:
         x, y, theta = head
@@ -214,17 +237,28 @@ class Mechanism:
         _, y, theta = platform
         sine, cosine = sin(theta), cos(theta)
         u1, u2 = y - self._half1 * sine, y + self._half2 * sine
-        for name, reach, length in (('|y - b1 sin theta|', u1, self._link1),
-                                    ('|y + b2 sin theta|', u2, self._link2)):
+        for name, reach, length in (
+            ('|y - b1 sin theta|', u1, self._link1),
+            ('|y + b2 sin theta|', u2, self._link2),
+        ):
             if abs(reach) >= length:
                 raise UnreachableError(name, abs(reach), length, 'm', 'not below')
-        return (sine, cosine, u1, u2, sqrt(self._link1 * self._link1 - u1 * u1),
-                sqrt(self._link2 * self._link2 - u2 * u2))
+        return (
+            sine,
+            cosine,
+            u1,
+            u2,
+            sqrt(self._link1 * self._link1 - u1 * u1),
+            sqrt(self._link2 * self._link2 - u2 * u2),
+        )
 
     def _actual(self, platform: Pose, at: inverse.Links) -> Carriages:
         """Return the positions of the carriages on the real rail [m] from the links of a pose."""
-        return Carriages(platform.x - self._half1 * at[1] + at[4],
-                         platform.x + self._half2 * at[1] - at[5], platform.x)
+        return Carriages(
+            platform.x - self._half1 * at[1] + at[4],
+            platform.x + self._half2 * at[1] - at[5],
+            platform.x,
+        )
 
     def _counted(self, actual: Carriages) -> Carriages:
         """Return the drive positions of carriages on the real rail [m]."""
@@ -234,14 +268,20 @@ class Mechanism:
     def _check_rail(self, actual: Carriages, counted: Carriages) -> None:
         """Require the gap on the real rail and the stroke of the drives with backlash [m]."""
         play1, play2, _ = self.geometry.backlash
-        inverse.check_rail(self.geometry, actual[2] - actual[0], actual[1] - actual[2],
-                           counted[0] - 0.5 * play1, counted[1] + 0.5 * play2)
+        inverse.check_rail(
+            self.geometry,
+            actual[2] - actual[0],
+            actual[1] - actual[2],
+            counted[0] - 0.5 * play1,
+            counted[1] + 0.5 * play2,
+        )
 
     def _branch_number(self, at: inverse.Links) -> float:
         """Return N [m²] of `parallel_singularity` for halves that may differ."""
         sine, cosine, u1, u2, s1, s2 = at
-        number = (u1 * self._half2 * (u2 * cosine - s2 * sine)
-                  + u2 * self._half1 * (u1 * cosine + s1 * sine))
+        number = u1 * self._half2 * (u2 * cosine - s2 * sine) + u2 * self._half1 * (
+            u1 * cosine + s1 * sine
+        )
         return 2.0 * number / (self._half1 + self._half2)
 
     def _assembled(self, actual: Carriages) -> Pose:
@@ -251,12 +291,18 @@ class Mechanism:
         if not -forward.FARTHEST < left < right < forward.FARTHEST:
             raise forward.not_in_order(actual)
         y, theta = forward.assemble(
-            (self._link1, self._link2, self._half1, self._half2), left, right)
+            (self._link1, self._link2, self._half1, self._half2), left, right
+        )
         sine, cosine = sin(theta), cos(theta)
         u1, u2 = y - self._half1 * sine, y + self._half2 * sine
         s1, s2 = left + self._half1 * cosine, self._half2 * cosine - right
-        is_closed = max(abs(s1 * s1 + u1 * u1 - self._link1 * self._link1),
-                        abs(s2 * s2 + u2 * u2 - self._link2 * self._link2)) < CLOSED
+        is_closed = (
+            max(
+                abs(s1 * s1 + u1 * u1 - self._link1 * self._link1),
+                abs(s2 * s2 + u2 * u2 - self._link2 * self._link2),
+            )
+            < CLOSED
+        )
         if not (is_closed and min(y, s1, s2) > 0.0):
             raise UnreachableError('assembly modes on the branch', 0, 1, '', 'below')
         inverse.check_branch(self._branch_number((sine, cosine, u1, u2, s1, s2)))

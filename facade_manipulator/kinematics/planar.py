@@ -69,14 +69,18 @@ class MotionState(NamedTuple):
         if other is ZERO_STATE:
             return self
         a, b = self.velocity, other.velocity
-        return MotionState(add(self.position, other.position),
-                           Twist(a.x + b.x, a.y + b.y, a.theta + b.theta))
+        return MotionState(
+            add(self.position, other.position),
+            Twist(a.x + b.x, a.y + b.y, a.theta + b.theta),
+        )
 
     def minus(self, other: MotionState) -> MotionState:
         """Return the difference of two states, component by component."""
         a, b = self.velocity, other.velocity
-        return MotionState(subtract(self.position, other.position),
-                           Twist(a.x - b.x, a.y - b.y, a.theta - b.theta))
+        return MotionState(
+            subtract(self.position, other.position),
+            Twist(a.x - b.x, a.y - b.y, a.theta - b.theta),
+        )
 
 
 ZERO_POSE = Pose(0.0, 0.0, 0.0)  # m, m, rad
@@ -86,5 +90,7 @@ ZERO_STATE = MotionState(ZERO_POSE, ZERO_TWIST)
 
 def millimetres(pose: Pose) -> str:
     """Return a pose as text for an operator [mm, mm, deg]."""
-    return (f'x {1e3 * pose.x:+.1f} mm, y {1e3 * pose.y:+.1f} mm, '
-            f'theta {math.degrees(pose.theta):+.2f} deg')
+    return (
+        f'x {1e3 * pose.x:+.1f} mm, y {1e3 * pose.y:+.1f} mm, '
+        f'theta {math.degrees(pose.theta):+.2f} deg'
+    )

@@ -16,11 +16,15 @@ from typing import NamedTuple
 from facade_manipulator.kinematics import Geometry, Mechanism
 from facade_manipulator.motion.limits import MotionLimits, Vector
 
-SPEEDS = 41  # number of speeds in the search; twice as many change the distance by 0.1 mm
+SPEEDS = (
+    41  # number of speeds in the search; twice as many change the distance by 0.1 mm
+)
 MARGIN = 0.001  # m, for the speed that a carriage gains before it brakes
 
 
-def least_distance(gap: float, limits: MotionLimits, deceleration: float, delay: float) -> float:
+def least_distance(
+    gap: float, limits: MotionLimits, deceleration: float, delay: float
+) -> float:
     """
     Return the minimum distance of neighbours that brake independently, over all motions [m].
 
@@ -50,17 +54,28 @@ def least_distance(gap: float, limits: MotionLimits, deceleration: float, delay:
 
     """
     stops = [  # speeds, and distances from them to rest
-        (speed, speed * abs(speed) / (2.0 * deceleration)) for speed in (
-            limits.speed * (2.0 * number / (SPEEDS - 1) - 1.0) for number in range(SPEEDS))]
+        (speed, speed * abs(speed) / (2.0 * deceleration))
+        for speed in (
+            limits.speed * (2.0 * number / (SPEEDS - 1) - 1.0)
+            for number in range(SPEEDS)
+        )
+    ]
     return min(
-        starting_distance(gap, limits, left, right) + right * delay + right_stop - left_stop
-        for left, left_stop in stops for right, right_stop in stops)
+        starting_distance(gap, limits, left, right)
+        + right * delay
+        + right_stop
+        - left_stop
+        for left, left_stop in stops
+        for right, right_stop in stops
+    )
 
 
-def starting_distance(gap: float, limits: MotionLimits, left: float, right: float) -> float:
+def starting_distance(
+    gap: float, limits: MotionLimits, left: float, right: float
+) -> float:
     """Return the minimum distance [m] of neighbours that are commanded to have speeds [m/s]."""
     speed, acceleration = limits.speed, limits.acceleration
-    gained = 0.5 * acceleration ** 2 / limits.jerk
+    gained = 0.5 * acceleration**2 / limits.jerk
     off1, off2 = left - min(gained, speed + left), right + min(gained, speed - right)
     together = max(abs(off1), abs(off2)) / (2.0 * acceleration)
     return gap + max(0.0, (off1 - off2) * together)
@@ -73,7 +88,7 @@ def overshoot(speed: float, acceleration: float, deceleration: float) -> float:
     The commanded motion could come to rest inside with the acceleration [m/s²]. The carriage
     brakes from its speed [m/s] with the deceleration [m/s²] instead.
     """
-    return max(0.0, 0.5 * speed ** 2 * (1.0 / deceleration - 1.0 / acceleration))
+    return max(0.0, 0.5 * speed**2 * (1.0 / deceleration - 1.0 / acceleration))
 
 
 class Separation(NamedTuple):
@@ -94,17 +109,28 @@ class Separation(NamedTuple):
 
     def speed(self, distance: float) -> float:
         """Return the maximum speed of neighbours at a distance [m], in m/s."""
-        seen = max(self._stopping_from(self.tolerated, self.report),
-                   self._stopping_from(distance - self.window, self.tracking))
+        seen = max(
+            self._stopping_from(self.tolerated, self.report),
+            self._stopping_from(distance - self.window, self.tracking),
+        )
         return min(seen, self._stopping_from(distance, self.silence))
 
     def distance(self, speed: float) -> float:
         """Return the minimum distance [m] at which neighbours may have a speed [m/s]."""
+
         def needed(delay: float) -> float:
-            return self.touching + MARGIN + speed * delay + 0.5 * speed ** 2 / self.deceleration
+            return (
+                self.touching
+                + MARGIN
+                + speed * delay
+                + 0.5 * speed**2 / self.deceleration
+            )
 
         is_seen = needed(self.report) <= self.tolerated
-        return max(needed(self.silence), 0.0 if is_seen else self.window + needed(self.tracking))
+        return max(
+            needed(self.silence),
+            0.0 if is_seen else self.window + needed(self.tracking),
+        )
 
     def _stopping_from(self, distance: float, delay: float) -> float:
         """Return the speed [m/s] from which a carriage stops within a distance after a delay."""
@@ -119,6 +145,8 @@ def fastest_near(geometry: Geometry, separation: Separation) -> Callable[..., fl
     left, right = third - first, second - third
 
     def fastest(*path: Vector) -> float:
-        return separation.speed(min([min(q3 - q1 + left, q2 - q3 + right) for q1, q2, q3 in path]))
+        return separation.speed(
+            min([min(q3 - q1 + left, q2 - q3 + right) for q1, q2, q3 in path])
+        )
 
     return fastest

@@ -18,7 +18,12 @@ from threading import Lock
 from typing import NamedTuple
 
 from facade_manipulator.errors import InputError, ManipulatorError, require_recent
-from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter, Vector
+from facade_manipulator.motion.limits import (
+    CarriageMotion,
+    MotionLimits,
+    PathLimiter,
+    Vector,
+)
 from facade_manipulator.motion.setpoints import (
     extrapolate,
     interpolate,
@@ -29,7 +34,9 @@ from facade_manipulator.motion.setpoints import (
 from facade_manipulator.motion.timed_buffer import TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
-TOLERATED = 2.0  # factor on the limits: carriages lag up to here; a setpoint beyond is wrong
+TOLERATED = (
+    2.0  # factor on the limits: carriages lag up to here; a setpoint beyond is wrong
+)
 OLDEST = 0.2  # s, maximum age of a setpoint: an older one is useless
 EARLIEST = 0.5  # s, the longest horizon of a compensator: beyond it a clock is wrong
 # s, between checked positions of a path to rest: a cycle at 100 Hz. A check costs more than any
@@ -42,11 +49,19 @@ class StreamSettings:
     """Limits on delay and distance of setpoints."""
 
     stale_after: float = parameter(
-        'Silence after which the carriages brake and hold', default=0.1, unit='s',
-        minimum=0.01, maximum=OLDEST)
+        'Silence after which the carriages brake and hold',
+        default=0.1,
+        unit='s',
+        minimum=0.01,
+        maximum=OLDEST,
+    )
     first_step: float = parameter(
-        'Maximum step from the carriages or the last setpoint to a setpoint', default=0.05,
-        unit='m', minimum=0.001, maximum=0.5)
+        'Maximum step from the carriages or the last setpoint to a setpoint',
+        default=0.05,
+        unit='m',
+        minimum=0.001,
+        maximum=0.5,
+    )
 
 
 class Activity(enum.Enum):
@@ -91,8 +106,12 @@ class SetpointFollower:
     """
 
     def __init__(
-        self, settings: StreamSettings, limits: MotionLimits, period: float,
-        check: Callable[..., None], fastest: Callable[..., float] = lambda *_: math.inf,
+        self,
+        settings: StreamSettings,
+        limits: MotionLimits,
+        period: float,
+        check: Callable[..., None],
+        fastest: Callable[..., float] = lambda *_: math.inf,
     ) -> None:
         self.settings = settings
         #: number of cycles in which the limits slowed the carriages; number of forced brakes
@@ -122,7 +141,8 @@ class SetpointFollower:
     def status(self) -> StreamStatus:
         """Return the present activity and the counters."""
         return StreamStatus(
-            self.activity.value, self.limited_cycles, self.brakes, self.last_rejection)
+            self.activity.value, self.limited_cycles, self.brakes, self.last_rejection
+        )
 
     def change_limits(self, limits: MotionLimits) -> None:
         """
@@ -176,14 +196,20 @@ class SetpointFollower:
 
         """
         if self.motion is None:
-            raise InputError('inactive', 'setpoint rejected: no position is held; next: activate')
+            raise InputError(
+                'inactive', 'setpoint rejected: no position is held; next: activate'
+            )
         self._check(setpoint.position)
         require_recent('setpoint', now - setpoint.time, OLDEST, EARLIEST)
         with self._writing:
             last = self._predecessor(setpoint.time, now)
             require_possible(
-                setpoint, last or Setpoint(-math.inf, self.motion.position, setpoint.velocity),
-                self.settings.first_step, self._fastest, self._hardest)
+                setpoint,
+                last or Setpoint(-math.inf, self.motion.position, setpoint.velocity),
+                self.settings.first_step,
+                self._fastest,
+                self._hardest,
+            )
             if last is None:
                 self._stream.clear()
             self._smooth(setpoint)
@@ -199,11 +225,16 @@ class SetpointFollower:
         Raises an InputError if `reset` was never called.
         """
         if self.motion is None:
-            raise InputError('no_position', 'no carriage position is known; next: call reset')
+            raise InputError(
+                'no_position', 'no carriage position is known; next: call reset'
+            )
         self._sampled = reach_time
         target = self._target(reach_time)
-        self.motion = (self._brake(self.motion) if target is None
-                       else self._follow(self.motion, *target))
+        self.motion = (
+            self._brake(self.motion)
+            if target is None
+            else self._follow(self.motion, *target)
+        )
         q1, q2, q3 = self.motion.position
         return q1, q2, q3
 
@@ -219,8 +250,10 @@ class SetpointFollower:
             return None  # the clock was set back
         if newest and time <= min(newest[0][0], self._sampled):
             raise InputError(
-                'out_of_order', f'setpoint is {self._sampled - time:.3g} s older than the '
-                'present command, and newer setpoints exist')
+                'out_of_order',
+                f'setpoint is {self._sampled - time:.3g} s older than the '
+                'present command, and newer setpoints exist',
+            )
         before, _ = self._stream.around(math.nextafter(time, -math.inf))
         if before is None or now - before[0] > self.settings.stale_after:
             return None
@@ -235,16 +268,26 @@ class SetpointFollower:
         setpoint: at 500 Hz the jerk limit would delay the carriages in every third cycle.
         """
         known = self._stream.newest(2)
-        if len(known) < 2 or known[0][0] <= self._sampled or (
-                following.time - known[1][0] < 1.5 * self._period):
+        if (
+            len(known) < 2
+            or known[0][0] <= self._sampled
+            or (following.time - known[1][0] < 1.5 * self._period)
+        ):
             return
         (_, first), (time, newest) = known
         h, k = time - first.time, following.time - time
-        most = 0.5 * self._limiter.limits.acceleration * h  # change within half an interval
+        most = (
+            0.5 * self._limiter.limits.acceleration * h
+        )  # change within half an interval
         velocity = [
-            min(max((k / h * (b - a) + h / k * (c - b)) / (h + k), mean - most), mean + most)
+            min(
+                max((k / h * (b - a) + h / k * (c - b)) / (h + k), mean - most),
+                mean + most,
+            )
             for a, b, mean, c in zip(
-                first.position, *newest[1:], following.position, strict=True)]
+                first.position, *newest[1:], following.position, strict=True
+            )
+        ]
         self._stream.append(time, newest._replace(velocity=velocity))
 
     def _target(self, time: float) -> tuple[Vector, Vector] | None:
@@ -287,13 +330,17 @@ class SetpointFollower:
         positions = [position for position, _, _ in reversed(path)]
         # The end of the path is checked first, because it fails most often. Each target is checked
         # once more before it is sent.
-        self._check(*positions[::self._check_every])
+        self._check(*positions[:: self._check_every])
         fastest = max([abs(speed) for _, velocity, _ in path for speed in velocity])
         # This is rare: two carriages are near each other.
         if fastest > self._fastest_at(*positions):
             for position, velocity, _ in path:
-                require_within('speed of {} at this distance from its neighbour', velocity,
-                               self._fastest_at(position), 'm/s')
+                require_within(
+                    'speed of {} at this distance from its neighbour',
+                    velocity,
+                    self._fastest_at(position),
+                    'm/s',
+                )
         return islice(accumulate(path[1:], limiter.advance, initial=motion), 1, None)
 
     def _brake(self, before: CarriageMotion) -> CarriageMotion:

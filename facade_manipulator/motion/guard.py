@@ -10,8 +10,14 @@ from facade_manipulator.kinematics import Carriages, Geometry, Mechanism
 from facade_manipulator.motion.limits import Vector
 
 ROUNDING = 1e-6  # m
-MEASURED_SHARE = 0.25  # share of the free gap by which measured carriages may be too near
-NEIGHBOURS = ((0, 2), (2, 1), (0, 1))  # order on the rail is A1, A3, A2; A3 may not be homed
+MEASURED_SHARE = (
+    0.25  # share of the free gap by which measured carriages may be too near
+)
+NEIGHBOURS = (
+    (0, 2),
+    (2, 1),
+    (0, 1),
+)  # order on the rail is A1, A3, A2; A3 may not be homed
 
 
 def mechanism_guard(
@@ -39,9 +45,15 @@ def mechanism_guard(
 
     """
     low, high = geometry.stroke
-    return Mechanism(replace(
-        geometry, stroke=(low - margin - tolerance, high + margin + tolerance),
-        carriage_gap=max(geometry.carriage_length, geometry.carriage_gap - tolerance))).check
+    return Mechanism(
+        replace(
+            geometry,
+            stroke=(low - margin - tolerance, high + margin + tolerance),
+            carriage_gap=max(
+                geometry.carriage_length, geometry.carriage_gap - tolerance
+            ),
+        )
+    ).check
 
 
 def measured_guard(geometry: Geometry, margin: float) -> Callable[..., None]:
@@ -73,7 +85,10 @@ def homing_guard(geometry: Geometry) -> Callable[[Vector, tuple[bool, ...]], Non
 
     """
     gap, on_rail, whole = (
-        geometry.carriage_gap, Mechanism(geometry).on_rail, mechanism_guard(geometry))
+        geometry.carriage_gap,
+        Mechanism(geometry).on_rail,
+        mechanism_guard(geometry),
+    )
 
     def check(positions: Vector, homed: tuple[bool, ...]) -> None:
         if all(homed):
@@ -83,6 +98,8 @@ def homing_guard(geometry: Geometry) -> Callable[[Vector, tuple[bool, ...]], Non
         for left, right in NEIGHBOURS:
             distance = actual[right] - actual[left]
             if homed[left] and homed[right] and distance < gap - ROUNDING:
-                raise CarriageGapError(f'q{right + 1} - q{left + 1}', distance, gap, 'm', 'below')
+                raise CarriageGapError(
+                    f'q{right + 1} - q{left + 1}', distance, gap, 'm', 'below'
+                )
 
     return check

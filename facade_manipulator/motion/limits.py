@@ -27,7 +27,9 @@ STANDSTILL_SPEED = 1e-5  # m/s
 STANDSTILL_ACCELERATION = 1e-3  # m/s²
 ZERO = (0.0, 0.0, 0.0)  # of any unit
 FEED_FORWARD_SHARE = 0.8  # share of the speed limit; the rest is for catching up
-PLAN_TOLERANCE = 1e-9  # m, m/s and m/s²: a motion within these tolerances is the planned motion
+PLAN_TOLERANCE = (
+    1e-9  # m, m/s and m/s²: a motion within these tolerances is the planned motion
+)
 ROUNDING = 1e-9  # of a number of periods
 TOLERANCE = 1e-6  # relative: rounding of a path adds up over its periods
 
@@ -37,20 +39,36 @@ class MotionLimits:
     """Limits of the motion of each carriage."""
 
     speed: float = parameter(
-        'Highest speed of a carriage', default=0.5, unit='m/s', minimum=0.001, maximum=5.0,
-        live=True)
+        'Highest speed of a carriage',
+        default=0.5,
+        unit='m/s',
+        minimum=0.001,
+        maximum=5.0,
+        live=True,
+    )
     acceleration: float = parameter(
-        'Highest acceleration of a carriage', default=3.0, unit='m/s^2', minimum=0.01,
-        maximum=50.0, live=True)
+        'Highest acceleration of a carriage',
+        default=3.0,
+        unit='m/s^2',
+        minimum=0.01,
+        maximum=50.0,
+        live=True,
+    )
     jerk: float = parameter(
-        'Highest jerk of a carriage; a lower one brakes later', default=150.0,
-        unit='m/s^3', minimum=0.1, maximum=10000.0, live=True)
+        'Highest jerk of a carriage; a lower one brakes later',
+        default=150.0,
+        unit='m/s^3',
+        minimum=0.1,
+        maximum=10000.0,
+        live=True,
+    )
 
     def __post_init__(self) -> None:
         if self.jerk < self.acceleration:
             raise ParameterError(
                 f'jerk = {self.jerk:g} m/s^3 is below acceleration = {self.acceleration:g} m/s^2, '
-                'so that a ramp would take more than 1 s; next: increase jerk')
+                'so that a ramp would take more than 1 s; next: increase jerk'
+            )
 
 
 class CarriageMotion(NamedTuple):
@@ -59,14 +77,18 @@ class CarriageMotion(NamedTuple):
     position: Vector  #: [m]
     velocity: Vector = ZERO  #: [m/s]
     acceleration: Vector = ZERO  #: [m/s²]
-    mean_velocity: Vector = ZERO  #: first difference of the positions, a period apart [m/s]
+    mean_velocity: Vector = (
+        ZERO  #: first difference of the positions, a period apart [m/s]
+    )
     mean_acceleration: Vector = ZERO  #: their second difference [m/s²]
 
     @property
     def at_rest(self) -> bool:
         """Return whether every carriage is at rest without acceleration."""
-        return (greatest(self.velocity) < STANDSTILL_SPEED
-                and greatest(self.acceleration) < STANDSTILL_ACCELERATION)
+        return (
+            greatest(self.velocity) < STANDSTILL_SPEED
+            and greatest(self.acceleration) < STANDSTILL_ACCELERATION
+        )
 
 
 def greatest(values: Vector) -> float:
@@ -115,19 +137,32 @@ class PathLimiter:
         # The second difference is the acceleration of a period ago, and half a period later it has
         # changed the mean velocity into the present one.
         after = CarriageMotion(
-            target, plus(mean, acceleration, 0.5 * self.period), acceleration, mean, acceleration)
-        if not (greatest(mean) <= self.speed and greatest(jerk) <= self.limits.jerk
-                and self.allows(after, self.speed, tolerance=0.0)):
+            target,
+            plus(mean, acceleration, 0.5 * self.period),
+            acceleration,
+            mean,
+            acceleration,
+        )
+        if not (
+            greatest(mean) <= self.speed
+            and greatest(jerk) <= self.limits.jerk
+            and self.allows(after, self.speed, tolerance=0.0)
+        ):
             return None
         # At constant acceleration the velocities at both ends of the period have this mean. The
         # difference shows whether the motion would arrive with another velocity.
         miss = greatest(plus(plus(before.velocity, velocity), mean, -2.0))
-        if before is not self._reached and miss > 0.5 * self.limits.jerk * self.period ** 2:
+        if (
+            before is not self._reached
+            and miss > 0.5 * self.limits.jerk * self.period**2
+        ):
             return None
         self._reached = after
         return after
 
-    def chase(self, before: CarriageMotion, target: Vector, velocity: Vector) -> CarriageMotion:
+    def chase(
+        self, before: CarriageMotion, target: Vector, velocity: Vector
+    ) -> CarriageMotion:
         """
         Return the motion one period later on the fastest allowed path to a moving target.
 
@@ -141,22 +176,34 @@ class PathLimiter:
         frame = plus(ZERO, velocity, share)
         relative = (
             plus(plus(before.position, target, -1.0), frame, self.period),
-            plus(before.velocity, frame, -1.0), before.acceleration)
+            plus(before.velocity, frame, -1.0),
+            before.acceleration,
+        )
         planned = *frame, speed
         # A new plan for the planned motion would bend the path.
         if planned != self._planned or any(
-                greatest(plus(part, plan, -1.0)) > PLAN_TOLERANCE
-                for part, plan in zip(relative, self._relative, strict=True)):
+            greatest(plus(part, plan, -1.0)) > PLAN_TOLERANCE
+            for part, plan in zip(relative, self._relative, strict=True)
+        ):
             self._path = plan_trajectory(
-                relative, ZERO, [speed - w for w in frame], *self._bounds,
-                [-speed - w for w in frame])
+                relative,
+                ZERO,
+                [speed - w for w in frame],
+                *self._bounds,
+                [-speed - w for w in frame],
+            )
             self._planned, self._elapsed = planned, 0.0
         self._elapsed += self.period
         self._relative = error, rate, acceleration = self._path.at_time(
-            min(self._elapsed, self._path.duration))
-        return self.advance(before, (plus(error, target), plus(rate, frame), acceleration))
+            min(self._elapsed, self._path.duration)
+        )
+        return self.advance(
+            before, (plus(error, target), plus(rate, frame), acceleration)
+        )
 
-    def allows(self, motion: CarriageMotion, speed: float, tolerance: float = TOLERANCE) -> bool:
+    def allows(
+        self, motion: CarriageMotion, speed: float, tolerance: float = TOLERANCE
+    ) -> bool:
         """
         Return whether a motion is inside a speed [m/s] and the other limits, and can remain there.
 
@@ -165,9 +212,11 @@ class PathLimiter:
         """
         share = 1.0 + tolerance
         gained = [0.5 / self.limits.jerk * a * abs(a) for a in motion.acceleration]
-        return (greatest(motion.acceleration) <= share * self.limits.acceleration
-                and greatest(motion.velocity) <= share * speed
-                and greatest(plus(motion.velocity, gained)) <= share * speed)
+        return (
+            greatest(motion.acceleration) <= share * self.limits.acceleration
+            and greatest(motion.velocity) <= share * speed
+            and greatest(plus(motion.velocity, gained)) <= share * speed
+        )
 
     def slow(self, motion: CarriageMotion, seconds: float) -> CarriageMotion:
         """Return a motion at the same position after all axes have braked for some seconds."""
@@ -188,18 +237,30 @@ class PathLimiter:
         """
         states: list[Sequence[Vector]] = [motion[:3]]
         if not motion.at_rest:
-            path = plan_trajectory(states[0], None, [self.limits.speed] * AXES, *self._bounds)
+            path = plan_trajectory(
+                states[0], None, [self.limits.speed] * AXES, *self._bounds
+            )
             period, duration, at_time = self.period, path.duration, path.at_time
             count = math.ceil(duration / period - ROUNDING)
-            states += [at_time(min(number * period, duration)) for number in range(1, count + 1)]
+            states += [
+                at_time(min(number * period, duration))
+                for number in range(1, count + 1)
+            ]
         return states
 
-    def advance(self, before: CarriageMotion, state: Sequence[Vector]) -> CarriageMotion:
+    def advance(
+        self, before: CarriageMotion, state: Sequence[Vector]
+    ) -> CarriageMotion:
         """Return the motion in a state one period after another motion."""
         position, velocity, acceleration = state
         mean = self._rates(before.position, position)
         return CarriageMotion(
-            position, velocity, acceleration, mean, self._rates(before.mean_velocity, mean))
+            position,
+            velocity,
+            acceleration,
+            mean,
+            self._rates(before.mean_velocity, mean),
+        )
 
     def _rates(self, before: Vector, after: Vector) -> Vector:
         """Return the mean rates of change within a period [1/s]."""

@@ -7,7 +7,14 @@ from typing import NamedTuple
 
 from ruckig import Trajectory
 
-from facade_manipulator.kinematics import Pose, subtract, Twist, wrap_angle, ZERO_POSE, ZERO_TWIST
+from facade_manipulator.kinematics import (
+    Pose,
+    subtract,
+    Twist,
+    wrap_angle,
+    ZERO_POSE,
+    ZERO_TWIST,
+)
 from facade_manipulator.motion.trajectory import AXES, plan_trajectory
 from facade_manipulator.parameters import parameter, settings
 
@@ -26,14 +33,29 @@ class ReferenceSettings:
     """
 
     speed: tuple[float, ...] = parameter(
-        'Highest speed: x, y, theta', default=(0.2, 0.1, 0.4), unit='m/s, rad/s', minimum=1e-3,
-        maximum=5.0, elements=Pose._fields)
+        'Highest speed: x, y, theta',
+        default=(0.2, 0.1, 0.4),
+        unit='m/s, rad/s',
+        minimum=1e-3,
+        maximum=5.0,
+        elements=Pose._fields,
+    )
     acceleration: tuple[float, ...] = parameter(
-        'Highest acceleration: x, y, theta', default=(0.6, 0.4, 1.5), unit='m/s^2, rad/s^2',
-        minimum=1e-2, maximum=50.0, elements=Pose._fields)
+        'Highest acceleration: x, y, theta',
+        default=(0.6, 0.4, 1.5),
+        unit='m/s^2, rad/s^2',
+        minimum=1e-2,
+        maximum=50.0,
+        elements=Pose._fields,
+    )
     jerk: tuple[float, ...] = parameter(
-        'Highest jerk: x, y, theta', default=(6.0, 4.0, 15.0), unit='m/s^3, rad/s^3', minimum=0.1,
-        maximum=1e4, elements=Pose._fields)
+        'Highest jerk: x, y, theta',
+        default=(6.0, 4.0, 15.0),
+        unit='m/s^3, rad/s^3',
+        minimum=0.1,
+        maximum=1e4,
+        elements=Pose._fields,
+    )
 
 
 class HeadMotion(NamedTuple):
@@ -96,18 +118,35 @@ class ReferencePath:
         """Plan a path from a motion to a goal, or to rest."""
         # From rest, limits in proportion to the displacement make the path straight.
         is_moving = any(motion.velocity) or any(motion.acceleration)
-        displacement = ZERO_POSE if is_moving or not goal else subtract(goal, motion.position)
-        self._trajectory = plan_trajectory(motion, goal, *(
-            _proportional(limits, displacement) for limits in (
-                self.settings.speed, self.settings.acceleration, self.settings.jerk)))
+        displacement = (
+            ZERO_POSE if is_moving or not goal else subtract(goal, motion.position)
+        )
+        self._trajectory = plan_trajectory(
+            motion,
+            goal,
+            *(
+                _proportional(limits, displacement)
+                for limits in (
+                    self.settings.speed,
+                    self.settings.acceleration,
+                    self.settings.jerk,
+                )
+            ),
+        )
         self._start = time
 
 
 def _proportional(limits: tuple[float, ...], displacement: Pose) -> list[float]:
     """Return the largest limits proportional to the displacement; axes at rest keep theirs."""
     pace = min(
-        (limit / abs(step) for limit, step in zip(limits, displacement, strict=True)
-         if abs(step) > SHORTEST), default=0.0)
+        (
+            limit / abs(step)
+            for limit, step in zip(limits, displacement, strict=True)
+            if abs(step) > SHORTEST
+        ),
+        default=0.0,
+    )
     return [
         pace * abs(step) if abs(step) > SHORTEST else limit
-        for limit, step in zip(limits, displacement, strict=True)]
+        for limit, step in zip(limits, displacement, strict=True)
+    ]

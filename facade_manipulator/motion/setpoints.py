@@ -33,11 +33,17 @@ def require_within(quantity: str, values: Vector, bound: float, unit: str) -> No
     """Reject a value beyond a bound or NaN; the carriage's name completes the quantity."""
     for carriage, value in zip(kinematics.Carriages._fields, values, strict=True):
         if not abs(value) <= bound:
-            raise SetpointLimitError(quantity.format(carriage), abs(value), bound, unit, 'above')
+            raise SetpointLimitError(
+                quantity.format(carriage), abs(value), bound, unit, 'above'
+            )
 
 
 def require_possible(
-    setpoint: Setpoint, last: Setpoint, first_step: float, speed: float, acceleration: float
+    setpoint: Setpoint,
+    last: Setpoint,
+    first_step: float,
+    speed: float,
+    acceleration: float,
 ) -> None:
     """
     Reject a setpoint that is too far from the last setpoint [m], too fast, or inconsistent.
@@ -54,14 +60,17 @@ def require_possible(
     backlash = 0.5 * acceleration * SHORTEST
     bound = max(0.5 * acceleration * elapsed, backlash)
     for carriage, before, start, after, end in zip(
-            kinematics.Carriages._fields, *last[1:], *setpoint[1:], strict=True):
+        kinematics.Carriages._fields, *last[1:], *setpoint[1:], strict=True
+    ):
         mean = (after - before) / elapsed
         difference, bend = abs(end - mean), abs(0.5 * (start + end) - mean)
         if difference > bound or (difference > backlash and bend > 0.5 * bound):
             raise InputError(
-                'inconsistent', f'setpoint velocity of {carriage} = {end:.4g} m/s, but its '
+                'inconsistent',
+                f'setpoint velocity of {carriage} = {end:.4g} m/s, but its '
                 f'positions change by {mean:.4g} m/s, after {start:.4g} m/s: at most '
-                f'{acceleration:g} m/s^2 are possible')
+                f'{acceleration:g} m/s^2 are possible',
+            )
 
 
 def extrapolate(newest: Sequence[Setpoint], time: float) -> tuple[Vector, Vector]:
@@ -94,8 +103,11 @@ class GoalSettings:
     """Limits on the goals of ik_service."""
 
     min_conditioning: float = parameter(
-        'Minimum local conditioning index of a goal (unit of length b/0.348)', default=0.05,
-        minimum=0.0, maximum=1.0)
+        'Minimum local conditioning index of a goal (unit of length b/0.348)',
+        default=0.05,
+        minimum=0.0,
+        maximum=1.0,
+    )
 
 
 class SetpointStream:
@@ -104,7 +116,10 @@ class SetpointStream:
     def __init__(self, geometry: kinematics.Geometry, settings: GoalSettings) -> None:
         self.mechanism = kinematics.Mechanism(geometry)
         self.settings = settings
-        self._last = -math.inf, kinematics.ZERO_POSE  # time and pose of the last setpoint
+        self._last = (
+            -math.inf,
+            kinematics.ZERO_POSE,
+        )  # time and pose of the last setpoint
 
     def certify(self, pose: kinematics.Pose) -> kinematics.Carriages:
         """Return the carriages of a goal [m], or raise a LimitError with the violated limit."""
@@ -128,19 +143,29 @@ class SetpointStream:
 
         """
         if not 0.0 <= spacing < math.inf:
-            raise InputError('tolerance', f'tolerance = {spacing} m is below 0 or not finite')
+            raise InputError(
+                'tolerance', f'tolerance = {spacing} m is below 0 or not finite'
+            )
         change = kinematics.difference(goal, start)
         length = math.hypot(change.x, change.y) + (
-            self.mechanism.geometry.platform_half_length * abs(change.theta))
+            self.mechanism.geometry.platform_half_length * abs(change.theta)
+        )
         spacing = spacing or PATH_SPACING
         if length > LONGEST_PATH * spacing:
             raise InputError(
-                'tolerance', f'a path of {length:.4g} m has more than {LONGEST_PATH} steps of '
-                f'{spacing:g} m')
+                'tolerance',
+                f'a path of {length:.4g} m has more than {LONGEST_PATH} steps of '
+                f'{spacing:g} m',
+            )
         steps = max(1, math.ceil(length / spacing))
-        return [self.certify(kinematics.Pose(
-            *(a + k / steps * d for a, d in zip(start, change, strict=True))))
-            for k in range(steps + 1)]
+        return [
+            self.certify(
+                kinematics.Pose(
+                    *(a + k / steps * d for a, d in zip(start, change, strict=True))
+                )
+            )
+            for k in range(steps + 1)
+        ]
 
     def setpoint(self, time: float, pose: kinematics.Pose) -> Setpoint:
         """
@@ -159,5 +184,6 @@ class SetpointStream:
         if 0.0 < elapsed <= STREAM_GAP and pose != last_pose:
             change = kinematics.difference(pose, last_pose)
             velocity = mechanism.carriage_velocity(
-                pose, kinematics.Twist(*(step / elapsed for step in change)))
+                pose, kinematics.Twist(*(step / elapsed for step in change))
+            )
         return Setpoint(time, mechanism.take_up(carriages, velocity), velocity)

@@ -36,8 +36,13 @@ class TimedBuffer(Generic[Value]):
         """Return the newest items (time, value), at most as many as exist."""
         return self._items[-count:]
 
-    def around(self, time: float) -> tuple[tuple[float, Value] | None, tuple[float, Value] | None]:
+    def around(
+        self, time: float
+    ) -> tuple[tuple[float, Value] | None, tuple[float, Value] | None]:
         """Return the items (time, value) at or before a time [s] and after it, None if missing."""
         items = self._items
         index = bisect_right(items, time, key=_time)
-        return (items[index - 1] if index else None, items[index] if index < len(items) else None)
+        return (
+            items[index - 1] if index else None,
+            items[index] if index < len(items) else None,
+        )

@@ -18,8 +18,11 @@ LESS_JERK = 1.0 - 1e-6
 
 
 def plan_trajectory(
-    start: Sequence[Sequence[float]], goal: Sequence[float] | None, speed: Sequence[float],
-    acceleration: Sequence[float], jerk: Sequence[float],
+    start: Sequence[Sequence[float]],
+    goal: Sequence[float] | None,
+    speed: Sequence[float],
+    acceleration: Sequence[float],
+    jerk: Sequence[float],
     backward_speed: Sequence[float] | None = None,
 ) -> ruckig.Trajectory:
     """
@@ -50,13 +53,17 @@ def plan_trajectory(
     # beyond, because the limit has been lowered.
     plan.current_acceleration = [
         math.copysign(most, a) if most < abs(a) < most * (1.0 + ROUNDING) else a
-        for a, most in zip(present, acceleration, strict=True)]
+        for a, most in zip(present, acceleration, strict=True)
+    ]
     if goal is None:
         plan.control_interface = ruckig.ControlInterface.Velocity
     else:
         plan.target_position = goal
     plan.max_velocity, plan.min_velocity, plan.max_acceleration = (
-        speed, backward_speed, acceleration)
+        speed,
+        backward_speed,
+        acceleration,
+    )
     trajectory = ruckig.Trajectory(AXES)
     for synchronization in SYNCHRONIZATIONS:
         plan.synchronization = synchronization
@@ -69,4 +76,5 @@ def plan_trajectory(
                 if PLANNER.calculate(plan, trajectory) == ruckig.Result.Working:
                     return trajectory
     raise ManipulatorError(
-        f'no jerk-limited path from {start[0]} to {"rest" if goal is None else goal}')
+        f'no jerk-limited path from {start[0]} to {"rest" if goal is None else goal}'
+    )

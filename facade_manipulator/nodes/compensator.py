@@ -9,21 +9,43 @@ from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
+from geometry_msgs.msg import (
+    PointStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    WrenchStamped,
+)
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator import topics
 from facade_manipulator.compensation import report
-from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings, DEFAULTS
-from facade_manipulator.compensation.following import ArrivalSettings, GoalProgress, GoalState
+from facade_manipulator.compensation.compensator import (
+    Compensator,
+    CompensatorSettings,
+    DEFAULTS,
+)
+from facade_manipulator.compensation.following import (
+    ArrivalSettings,
+    GoalProgress,
+    GoalState,
+)
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.planar import millimetres
 from facade_manipulator.nodes import conversions, messages
-from facade_manipulator.nodes.conversions import pose_stamped, ros_time, stamp, steady_timer
-from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics, LOG_PERIOD
+from facade_manipulator.nodes.conversions import (
+    pose_stamped,
+    ros_time,
+    stamp,
+    steady_timer,
+)
+from facade_manipulator.nodes.diagnostics import (
+    diagnostic_status,
+    Diagnostics,
+    LOG_PERIOD,
+)
 from facade_manipulator.nodes.driver_status import DriverWatch, SILENT
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
@@ -38,7 +60,12 @@ class RateSettings:
     """Rate of the compensator [Hz]."""
 
     rate: float = parameter(
-        'Rate of corrected poses', default=100.0, unit='Hz', minimum=10.0, maximum=1000.0)
+        'Rate of corrected poses',
+        default=100.0,
+        unit='Hz',
+        minimum=10.0,
+        maximum=1000.0,
+    )
 
 
 class Goal(NamedTuple):
@@ -62,10 +89,20 @@ class CompensatorNode(Node):
         super().__init__('compensator', **kwargs)
         geometry = declare(self, Geometry, 'geometry')
         rate = declare(self, RateSettings).rate
-        self._compensator = Compensator(geometry, CompensatorSettings(**{
-            part: declare(self, type(default), '' if part == 'compensation' else part,
-                          partial(self._change, part))
-            for part, default in DEFAULTS._asdict().items()}))
+        self._compensator = Compensator(
+            geometry,
+            CompensatorSettings(
+                **{
+                    part: declare(
+                        self,
+                        type(default),
+                        '' if part == 'compensation' else part,
+                        partial(self._change, part),
+                    )
+                    for part, default in DEFAULTS._asdict().items()
+                }
+            ),
+        )
         self._goal: Goal | None = None  # the newest
         self._out_of_plane = messages.OutOfPlane(0.0, 0.0)  # of the newest estimate
 
@@ -77,24 +114,37 @@ class CompensatorNode(Node):
         self._transform = conversions.FacadeTransform(self)
         goal_status = self.create_publisher(*topics.GOAL_STATUS)
         self._progress = report.GoalReport(
-            lambda goal: goal_status.publish(diagnostic_status(*goal)), self._compensator,
-            lambda text: self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD))
+            lambda goal: goal_status.publish(diagnostic_status(*goal)),
+            self._compensator,
+            lambda text: self.get_logger().warning(
+                text, throttle_duration_sec=LOG_PERIOD
+            ),
+        )
         self._progress.watch.settings = declare(
-            self, ArrivalSettings, 'arrival',
-            partial(setattr, self._progress.watch, 'settings'))
+            self,
+            ArrivalSettings,
+            'arrival',
+            partial(setattr, self._progress.watch, 'settings'),
+        )
         self._progress.send(
-            '', GoalProgress(GoalState.NONE), 'no goal was received; next: send goal_pose')
+            '',
+            GoalProgress(GoalState.NONE),
+            'no goal was received; next: send goal_pose',
+        )
         self.inputs = PublisherWatch(self, self.diagnostics)
         self._driver = DriverWatch(self, self.inputs, self._choose_goal)
         facade, rail, end_effector = self._frames[1:]
         for topic, callback, frame_id in (
-                (topics.DISTURBANCE, self._add_estimate, facade),
-                (topics.DISTURBANCE_ODOMETRY, self._add_estimate, facade),
-                (topics.END_EFFECTOR_POSE, self._receive_head, rail),
-                (topics.CONTACT_WRENCH, self._receive_wrench, end_effector),
-                (topics.LATERAL_OFFSET, self._receive_lateral_offset, end_effector)):
+            (topics.DISTURBANCE, self._add_estimate, facade),
+            (topics.DISTURBANCE_ODOMETRY, self._add_estimate, facade),
+            (topics.END_EFFECTOR_POSE, self._receive_head, rail),
+            (topics.CONTACT_WRENCH, self._receive_wrench, end_effector),
+            (topics.LATERAL_OFFSET, self._receive_lateral_offset, end_effector),
+        ):
             self.inputs.subscribe(topic, callback, frame_id=frame_id)
-        self.inputs.subscribe(topics.GOAL_POSE, self._receive_goal, self._reject_goal, facade)
+        self.inputs.subscribe(
+            topics.GOAL_POSE, self._receive_goal, self._reject_goal, facade
+        )
         self.create_service(*topics.ENABLE, self._enable)
         self.create_service(*topics.TARE, partial(self._answer, self._tare))
         self.create_service(*topics.HOLD, partial(self._answer, self._hold))
@@ -108,8 +158,11 @@ class CompensatorNode(Node):
         time = messages.seconds(message.header.stamp)
         pose, text = messages.planar_pose(message.pose, 'goal_pose'), stamp_of(message)
         followed = self._goal
-        if followed is not None and followed.stamp == self._progress.stamp != '' and (
-                followed.pose == pose and (not time or text == followed.stamp)):
+        if (
+            followed is not None
+            and followed.stamp == self._progress.stamp != ''
+            and (followed.pose == pose and (not time or text == followed.stamp))
+        ):
             return  # a repetition, with its stamp or without
         messages.require_recent_command('goal_pose', time, ros_time())
         if self._driver.status is SILENT:  # two publishers silence the driver
@@ -119,7 +172,9 @@ class CompensatorNode(Node):
         self._goal = None if self._driver.status is SILENT else goal
         if idle := self._driver.idle:
             reason = f'{idle}; next: send the goal again when the drives are active'
-            self.diagnostics.reject(InputError(idle.state, reason), 'goal_pose rejected')
+            self.diagnostics.reject(
+                InputError(idle.state, reason), 'goal_pose rejected'
+            )
             self._progress.reject(goal.stamp, reason)
         else:
             self._progress.accept(goal.stamp)
@@ -130,8 +185,14 @@ class CompensatorNode(Node):
     def _choose_goal(self) -> None:
         """Follow the newest goal unless it was received before the activation of the drives."""
         if self._goal is not None:
-            with self.diagnostics.counted():  # the limits may have been changed in the meantime
-                if self._follow(self._goal) and self._goal.stamp and not self._progress.stamp:
+            with (
+                self.diagnostics.counted()
+            ):  # the limits may have been changed in the meantime
+                if (
+                    self._follow(self._goal)
+                    and self._goal.stamp
+                    and not self._progress.stamp
+                ):
                     self._progress.accept(self._goal.stamp)
         if self._driver.status is SILENT:  # its return must not start a motion
             self._goal = None
@@ -146,29 +207,45 @@ class CompensatorNode(Node):
         return False
 
     def _add_estimate(self, message: PoseWithCovarianceStamped | Odometry) -> None:
-        child = getattr(message, 'child_frame_id', self._frames.rail)  # only Odometry has it
+        child = getattr(
+            message, 'child_frame_id', self._frames.rail
+        )  # only Odometry has it
         if not child:
-            raise InputError('frame', 'disturbance_odometry has no child_frame_id, expected '
-                             f"'{self._frames.rail}' or the estimator's own")
-        place, self._out_of_plane, variances = messages.estimated_pose(message, 'disturbance')
+            raise InputError(
+                'frame',
+                'disturbance_odometry has no child_frame_id, expected '
+                f"'{self._frames.rail}' or the estimator's own",
+            )
+        place, self._out_of_plane, variances = messages.estimated_pose(
+            message, 'disturbance'
+        )
         if child != self._frames.rail:
             place = self._compensator.gate.displacement(place)
         self._compensator.add_estimate(
-            ros_time(), messages.seconds(message.header.stamp), place, variances,
-            self._out_of_plane.tilt)
+            ros_time(),
+            messages.seconds(message.header.stamp),
+            place,
+            variances,
+            self._out_of_plane.tilt,
+        )
 
     def _receive_head(self, message: PoseStamped) -> None:
         self._compensator.following.add_head(
             messages.seconds(message.header.stamp),
-            messages.planar_pose(message.pose, 'end_effector_pose'))
+            messages.planar_pose(message.pose, 'end_effector_pose'),
+        )
 
     def _receive_wrench(self, message: WrenchStamped) -> None:
         self._compensator.contact.add_wrench(
-            ros_time(), messages.seconds(message.header.stamp), messages.planar_wrench(message))
+            ros_time(),
+            messages.seconds(message.header.stamp),
+            messages.planar_wrench(message),
+        )
 
     def _receive_lateral_offset(self, message: PointStamped) -> None:
         self._compensator.contact.add_lateral_offset(
-            ros_time(), messages.seconds(message.header.stamp), message.point.x)
+            ros_time(), messages.seconds(message.header.stamp), message.point.x
+        )
 
     def _update(self) -> None:
         now = ros_time()
@@ -176,11 +253,17 @@ class CompensatorNode(Node):
             corrected = self._compensator.update(now)
             if corrected is None:
                 return
-            self.corrected_poses.publish(pose_stamped(
-                self._frames.rail, corrected.time, corrected.pose, self._message))
+            self.corrected_poses.publish(
+                pose_stamped(
+                    self._frames.rail, corrected.time, corrected.pose, self._message
+                )
+            )
             if self._references.get_subscription_count():
-                self._references.publish(pose_stamped(
-                    self._frames.facade, corrected.reach_time, corrected.reference))
+                self._references.publish(
+                    pose_stamped(
+                        self._frames.facade, corrected.reach_time, corrected.reference
+                    )
+                )
             self._transform.publish(corrected.reach_time, corrected.disturbance)
 
     def _report_change(self) -> None:
@@ -188,20 +271,30 @@ class CompensatorNode(Node):
         now = ros_time()
         self._progress.update(now)
         self.diagnostics.publish_change(
-            report.correction_outcome(self._compensator, now, self.inputs.fault))
+            report.correction_outcome(self._compensator, now, self.inputs.fault)
+        )
 
     def _components(self) -> list[DiagnosticStatus]:
         correction = report.correction_component(
-            self._compensator, ros_time(), self.inputs.fault, self._out_of_plane)
-        return [diagnostic_status(*one) for one in (
-            correction, *report.contact_components(self._compensator))]
+            self._compensator, ros_time(), self.inputs.fault, self._out_of_plane
+        )
+        return [
+            diagnostic_status(*one)
+            for one in (correction, *report.contact_components(self._compensator))
+        ]
 
-    def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+    def _enable(
+        self, request: SetBool.Request, response: SetBool.Response
+    ) -> SetBool.Response:
         correction = self._compensator.correction
         correction.enabled = request.data
         direction = 'in' if request.data else 'out'
-        response.success, response.message = True, (
-            f'the correction fades {direction} within {correction.settings.fade_time:g} s')
+        response.success, response.message = (
+            True,
+            (
+                f'the correction fades {direction} within {correction.settings.fade_time:g} s'
+            ),
+        )
         return response
 
     def _answer(

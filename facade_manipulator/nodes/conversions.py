@@ -19,11 +19,20 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from facade_manipulator import topics
-from facade_manipulator.kinematics import Geometry, Mechanism, Pose, positions, tree, urdf
+from facade_manipulator.kinematics import (
+    Geometry,
+    Mechanism,
+    Pose,
+    positions,
+    tree,
+    urdf,
+)
 from facade_manipulator.motion.limits import Vector
 from facade_manipulator.nodes.messages import CARRIAGES, Frames
 
-JOINTS_PERIOD = 0.05  # s: robot_state_publisher publishes transforms at 20 Hz by default
+JOINTS_PERIOD = (
+    0.05  # s: robot_state_publisher publishes transforms at 20 Hz by default
+)
 
 
 def ros_time() -> float:
@@ -31,14 +40,17 @@ def ros_time() -> float:
     return time.time()
 
 
-def steady_timer(node: Node, period: float, callback: Callable[[], Any], **options: Any) -> Timer:
+def steady_timer(
+    node: Node, period: float, callback: Callable[[], Any], **options: Any
+) -> Timer:
     """
     Create a timer with a period [s] on the monotonic clock.
 
     A timer on the node's clock would stop while the system clock is set back.
     """
     return node.create_timer(
-        period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME), **options)
+        period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME), **options
+    )
 
 
 def stamp(time: float) -> Time:
@@ -71,7 +83,10 @@ def pose_stamped(
 
 
 def joint_state(
-    time: float, position: Vector, velocity: Vector, effort: Vector | tuple[()] = (),
+    time: float,
+    position: Vector,
+    velocity: Vector,
+    effort: Vector | tuple[()] = (),
     message: JointState | None = None,
 ) -> JointState:
     """Return positions [m], velocities [m/s] and forces [N] in a given message or a new one."""
@@ -96,7 +111,10 @@ class FacadeTransform:
         if self._publisher is None or not self._publisher.get_subscription_count():
             return
         place, transform = pose_message(disturbance), TransformStamped()
-        transform.header.frame_id, transform.header.stamp = self._frames.facade, stamp(time)
+        transform.header.frame_id, transform.header.stamp = (
+            self._frames.facade,
+            stamp(time),
+        )
         transform.child_frame_id = self._frames.rail
         transform.transform.translation.x = place.position.x
         transform.transform.translation.y = place.position.y
@@ -111,7 +129,8 @@ class Description:
         self._mechanism = Mechanism(geometry)
         self._names = [joint.name for joint in tree(geometry) if joint.name]
         node.create_publisher(*topics.ROBOT_DESCRIPTION).publish(
-            String(data=urdf(geometry, Frames.of(node.get_namespace()).prefix)))
+            String(data=urdf(geometry, Frames.of(node.get_namespace()).prefix))
+        )
         self._states = node.create_publisher(*topics.MECHANISM_STATES)
         self._published = -math.inf
 
@@ -121,6 +140,8 @@ class Description:
         if is_early or not self._states.get_subscription_count():
             return
         self._published = time
-        message = JointState(name=self._names, position=positions(self._mechanism, head))
+        message = JointState(
+            name=self._names, position=positions(self._mechanism, head)
+        )
         message.header.stamp = stamp(time)
         self._states.publish(message)

@@ -25,17 +25,29 @@ HOST = platform.node()  # hardware id of a component that is not a drive
 
 def key_values(values: Mapping[str, Any]) -> list[KeyValue]:
     """Return values as messages; floats have six digits."""
-    return [KeyValue(key=key, value=f'{value:.6g}' if isinstance(value, float) else str(value))
-            for key, value in values.items()]
+    return [
+        KeyValue(
+            key=key, value=f'{value:.6g}' if isinstance(value, float) else str(value)
+        )
+        for key, value in values.items()
+    ]
 
 
 def diagnostic_status(
-    name: str, level: str, message: str, values: Mapping[str, Any], hardware_id: str = HOST
+    name: str,
+    level: str,
+    message: str,
+    values: Mapping[str, Any],
+    hardware_id: str = HOST,
 ) -> DiagnosticStatus:
     """Return the status of a component; `level` is one of `LEVELS`."""
     return DiagnosticStatus(
-        name=name, level=bytes([LEVELS.index(level)]), message=message, hardware_id=hardware_id,
-        values=key_values(values))
+        name=name,
+        level=bytes([LEVELS.index(level)]),
+        message=message,
+        hardware_id=hardware_id,
+        values=key_values(values),
+    )
 
 
 class Diagnostics:
@@ -51,10 +63,14 @@ class Diagnostics:
 
     """
 
-    def __init__(self, node: Node, components: Callable[[], list[DiagnosticStatus]]) -> None:
+    def __init__(
+        self, node: Node, components: Callable[[], list[DiagnosticStatus]]
+    ) -> None:
         self._node, self._components = node, components
         self._counts: Counter[str] = Counter()
-        self._logged: dict[str, float] = {}  # time of the last log line by reason [s, monotonic]
+        self._logged: dict[
+            str, float
+        ] = {}  # time of the last log line by reason [s, monotonic]
         self._outcome: Any = None
         self.last_rejection = ''
         self._publisher = node.create_publisher(*topics.DIAGNOSTICS)
@@ -68,7 +84,9 @@ class Diagnostics:
         except ManipulatorError as error:
             self.reject(error)
 
-    def reject(self, error: ManipulatorError, what: str = '', is_logged: bool = True) -> None:
+    def reject(
+        self, error: ManipulatorError, what: str = '', is_logged: bool = True
+    ) -> None:
         """
         Count the rejection of a message or request; log each reason every `LOG_PERIOD`.
 
@@ -83,8 +101,15 @@ class Diagnostics:
 
     def rejections(self) -> dict[str, Any]:
         """Return the counters of the rejections as values of a component."""
-        counts = {f'rejected: {reason}': count for reason, count in sorted(self._counts.items())}
-        return {'rejected': self._counts.total(), **counts, 'last rejection': self.last_rejection}
+        counts = {
+            f'rejected: {reason}': count
+            for reason, count in sorted(self._counts.items())
+        }
+        return {
+            'rejected': self._counts.total(),
+            **counts,
+            'last rejection': self.last_rejection,
+        }
 
     def publish_change(self, outcome: Any) -> None:
         """Publish at once if the outcome differs from the previous outcome."""

@@ -20,7 +20,12 @@ from facade_manipulator.estimation.estimator import DisturbanceEstimator, RailMo
 from facade_manipulator.estimation.settings import EstimatorSetup, SensorNames
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import POSE_AXES
-from facade_manipulator.nodes.conversions import fill_pose, ros_time, stamp, steady_timer
+from facade_manipulator.nodes.conversions import (
+    fill_pose,
+    ros_time,
+    stamp,
+    steady_timer,
+)
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.messages import estimated_pose, Frames, seconds
 from facade_manipulator.nodes.parameters import declare
@@ -42,7 +47,9 @@ class DisturbanceEstimatorNode(Node):
         self._estimator = DisturbanceEstimator(setup)
         self._motion: RailMotion | None = None
         self._published = self._logged = -math.inf  # newest stamps [s]
-        self._seen: dict[str, tuple[int, int]] = {}  # used and outliers at the previous look
+        self._seen: dict[
+            str, tuple[int, int]
+        ] = {}  # used and outliers at the previous look
 
         self.diagnostics = Diagnostics(self, self._components)
         self._frames = Frames.of(self.get_namespace())
@@ -52,35 +59,51 @@ class DisturbanceEstimatorNode(Node):
         self._inputs = PublisherWatch(self, self.diagnostics)
         self._inputs.subscribe(topics.IMU, self._receive_imu)
         for names, topic, receive, frame_id in (
-                (setup.distances, topics.RANGE_1, self._receive_distance, ''),
-                (setup.fixes, topics.FIX_X, self._receive_fix, ''),
-                (setup.poses, topics.FIX_POSE, self._receive_pose, self._frames.facade)):
+            (setup.distances, topics.RANGE_1, self._receive_distance, ''),
+            (setup.fixes, topics.FIX_X, self._receive_fix, ''),
+            (setup.poses, topics.FIX_POSE, self._receive_pose, self._frames.facade),
+        ):
             for name in names:
                 self._inputs.subscribe(
-                    topic._replace(name=name), partial(receive, name), frame_id=frame_id)
+                    topic._replace(name=name), partial(receive, name), frame_id=frame_id
+                )
         steady_timer(self, PERIOD, self._publish)
 
     def _receive_imu(self, message: Imu) -> None:
         """Add rates and accelerations; a covariance that begins with -1 marks missing values."""
         for quantity, covariance in (
-                ('turning rate', message.angular_velocity_covariance[0]),
-                ('acceleration', message.linear_acceleration_covariance[0])):
+            ('turning rate', message.angular_velocity_covariance[0]),
+            ('acceleration', message.linear_acceleration_covariance[0]),
+        ):
             if covariance < 0.0:
-                raise InputError('not_measured', f'imu rejected: covariance of {quantity} begins '
-                                 f'with {covariance:g}, which marks a missing value')
+                raise InputError(
+                    'not_measured',
+                    f'imu rejected: covariance of {quantity} begins '
+                    f'with {covariance:g}, which marks a missing value',
+                )
         rates, forces = message.angular_velocity, message.linear_acceleration
         self._estimator.add_imu(
-            ros_time(), seconds(message.header.stamp), (rates.x, rates.y, rates.z),
-            (forces.x, forces.y, forces.z))
+            ros_time(),
+            seconds(message.header.stamp),
+            (rates.x, rates.y, rates.z),
+            (forces.x, forces.y, forces.z),
+        )
 
     def _receive_distance(self, name: str, message: Range) -> None:
         if not message.min_range <= message.range <= message.max_range:
-            raise InputError('range', f'{name} = {message.range:.4g} m is not between its '
-                             f'{message.min_range:.4g} and {message.max_range:.4g} m')
-        self._estimator.add(name, ros_time(), seconds(message.header.stamp), message.range)
+            raise InputError(
+                'range',
+                f'{name} = {message.range:.4g} m is not between its '
+                f'{message.min_range:.4g} and {message.max_range:.4g} m',
+            )
+        self._estimator.add(
+            name, ros_time(), seconds(message.header.stamp), message.range
+        )
 
     def _receive_fix(self, name: str, message: PointStamped) -> None:
-        self._estimator.add(name, ros_time(), seconds(message.header.stamp), message.point.x)
+        self._estimator.add(
+            name, ros_time(), seconds(message.header.stamp), message.point.x
+        )
 
     def _receive_pose(self, name: str, message: PoseWithCovarianceStamped) -> None:
         """Add the axes with a finite variance that is not negative; 0 means the default."""
@@ -88,8 +111,13 @@ class DisturbanceEstimatorNode(Node):
         pose, _, variances = estimated_pose(message, name)
         for axis, value, variance in zip(Pose._fields, pose, variances, strict=True):
             if not (variance < 0.0 or variance == math.inf):
-                self._estimator.add(f'{name}.{axis}', now, time, value,
-                                    variance if variance > 0.0 else None)
+                self._estimator.add(
+                    f'{name}.{axis}',
+                    now,
+                    time,
+                    value,
+                    variance if variance > 0.0 else None,
+                )
 
     def _publish(self) -> None:
         motion = self._motion = self._estimator.advance(ros_time())
@@ -99,7 +127,9 @@ class DisturbanceEstimatorNode(Node):
         for event in self._estimator.events:
             if event.stamp > self._logged:
                 self.get_logger().info(event.text)
-        self._logged = max((event.stamp for event in self._estimator.events), default=self._logged)
+        self._logged = max(
+            (event.stamp for event in self._estimator.events), default=self._logged
+        )
 
     def _odometry_message(self, motion: RailMotion) -> Odometry:
         message = self._message
@@ -114,16 +144,24 @@ class DisturbanceEstimatorNode(Node):
     def _components(self) -> list[DiagnosticStatus]:
         estimator, motion, now = self._estimator, self._motion, ros_time()
         values: dict[str, Any] = {
-            f'event {event.stamp:.2f}': event.text for event in list(estimator.events)[-5:]}
+            f'event {event.stamp:.2f}': event.text
+            for event in list(estimator.events)[-5:]
+        }
         if motion is not None:
             values |= {
                 f'standard deviation of {axis} [{unit}]': scale * math.sqrt(variance)
                 for (axis, scale, unit), variance in zip(
-                    POSE_AXES, np.diag(motion.covariance), strict=True)}
+                    POSE_AXES, np.diag(motion.covariance), strict=True
+                )
+            }
         delays = estimator.delays() if estimator.started else {}
-        return [diagnostic_status('motion', *self._outcome(), values), *(
-            self._sensor_status(name, channel, now, delays.get(name))
-            for name, channel in estimator.channels.items())]
+        return [
+            diagnostic_status('motion', *self._outcome(), values),
+            *(
+                self._sensor_status(name, channel, now, delays.get(name))
+                for name, channel in estimator.channels.items()
+            ),
+        ]
 
     def _outcome(self) -> tuple[str, str]:
         """Return the level and the message of the estimate."""
@@ -132,12 +170,18 @@ class DisturbanceEstimatorNode(Node):
             return 'error', self._inputs.fault
         if self._motion is None:
             return 'error', estimator.fault or (
-                'no measurement has been received; next: check the sensors and their topics')
-        unknown = [axis for k, axis in enumerate(Pose._fields) if k not in estimator.started]
+                'no measurement has been received; next: check the sensors and their topics'
+            )
+        unknown = [
+            axis for k, axis in enumerate(Pose._fields) if k not in estimator.started
+        ]
         if unknown:
             return 'error', f'{", ".join(unknown)} is unknown; next: check its sensors'
         if estimator.is_coasting:
-            return 'warn', 'the acceleration is not measured; next: check the inertial sensor'
+            return (
+                'warn',
+                'the acceleration is not measured; next: check the inertial sensor',
+            )
         return 'ok', 'estimating'
 
     def _sensor_status(
@@ -147,14 +191,29 @@ class DisturbanceEstimatorNode(Node):
         used, outliers = counts['used'] + counts['other level'], counts['outlier']
         seen_used, seen_outliers = self._seen.get(name, (0, 0))
         self._seen[name] = used, outliers
-        outcome = sensor_outcome(now - channel.stamp, used - seen_used, outliers - seen_outliers)
-        return diagnostic_status(f'sensor {name}', *outcome, {
-            'rate [Hz]': 1.0 / channel.period if channel.period else math.nan,
-            'age on arrival [ms]': 1e3 * channel.age,
-            'normalised innovation squared': channel.square,
-            **({} if delay is None else {
-                'estimated delay [ms]': f'{1e3 * delay[0]:.1f} +- {1e3 * delay[1]:.1f}'}),
-            **{f'measurements: {kind}': count for kind, count in sorted(counts.items())}})
+        outcome = sensor_outcome(
+            now - channel.stamp, used - seen_used, outliers - seen_outliers
+        )
+        return diagnostic_status(
+            f'sensor {name}',
+            *outcome,
+            {
+                'rate [Hz]': 1.0 / channel.period if channel.period else math.nan,
+                'age on arrival [ms]': 1e3 * channel.age,
+                'normalised innovation squared': channel.square,
+                **(
+                    {}
+                    if delay is None
+                    else {
+                        'estimated delay [ms]': f'{1e3 * delay[0]:.1f} +- {1e3 * delay[1]:.1f}'
+                    }
+                ),
+                **{
+                    f'measurements: {kind}': count
+                    for kind, count in sorted(counts.items())
+                },
+            },
+        )
 
 
 def sensor_outcome(age: float, used: int, outliers: int) -> tuple[str, str]:

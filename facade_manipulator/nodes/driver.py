@@ -22,7 +22,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 from facade_manipulator import topics
-from facade_manipulator.control_loop.process import FEED_PERIOD, LoopClient, start_process
+from facade_manipulator.control_loop.process import (
+    FEED_PERIOD,
+    LoopClient,
+    start_process,
+)
 from facade_manipulator.drives.controller_settings import STATES_RATE
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.errors import DriveError, DriveStateError, InputError
@@ -32,7 +36,11 @@ from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.conversions import joint_state, ros_time, steady_timer
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_setup import declare_setup, DriverSettings
-from facade_manipulator.nodes.driver_status import DriverStatus, state_sentence, STATUS_PERIOD
+from facade_manipulator.nodes.driver_status import (
+    DriverStatus,
+    state_sentence,
+    STATUS_PERIOD,
+)
 from facade_manipulator.nodes.lifecycle import Job, ManagedNode, UNCONFIGURED
 from facade_manipulator.nodes.messages import CARRIAGES, carriages_from, seconds
 from facade_manipulator.nodes.parameters import declare
@@ -54,47 +62,66 @@ class DriverNode(ManagedNode):
 
     """
 
-    def __init__(self, launch: Callable[..., Any] = start_process, **kwargs: Any) -> None:
+    def __init__(
+        self, launch: Callable[..., Any] = start_process, **kwargs: Any
+    ) -> None:
         super().__init__('driver', **kwargs)
         settings = declare(self, DriverSettings)
         self._is_simulated = settings.simulate_drives
         setup = declare_setup(self, self._is_simulated, self._change_limits)
         self.diagnostics = Diagnostics(self, self._components)
         self._loop = LoopClient(
-            setup, lambda *error: self.diagnostics.reject(InputError(*error)), launch)
-        self._worker = ThreadPoolExecutor(max_workers=1)  # for calls of the loop that wait
+            setup, lambda *error: self.diagnostics.reject(InputError(*error)), launch
+        )
+        self._worker = ThreadPoolExecutor(
+            max_workers=1
+        )  # for calls of the loop that wait
         self._constants = {
-            'targets ahead of their SYNC [ms]': 1e3 * (
-                setup.controller.period + setup.controller.drive_lag),
-            'version': version('facade_manipulator')}
+            'targets ahead of their SYNC [ms]': 1e3
+            * (setup.controller.period + setup.controller.drive_lag),
+            'version': version('facade_manipulator'),
+        }
         self._published_stamp: float | None = None  # of joint_states
         self._published_status: Any = None
-        self._status_due, self._active_since = -math.inf, math.inf  # s: monotonic; ROS time
+        self._status_due, self._active_since = (
+            -math.inf,
+            math.inf,
+        )  # s: monotonic; ROS time
         self._drive_faults, self._was_stopped = 0, False
 
         self._joint_states = self.create_publisher(*topics.JOINT_STATES)
         self._message = JointState(name=CARRIAGES)  # of each joint state
         self._status = self.create_publisher(*topics.DRIVER_STATUS)
         self._inputs = PublisherWatch(self, self.diagnostics, self._apply_software_stop)
-        self._inputs.watch(topics.DRIVER_STATUS.name)  # of another driver in the namespace
+        self._inputs.watch(
+            topics.DRIVER_STATUS.name
+        )  # of another driver in the namespace
         self._inputs.subscribe(topics.JOINT_SETPOINTS, self._receive_setpoint)
         if self._is_simulated:
             self._inputs.subscribe(topics.CARRIAGE_FORCES, self._receive_forces)
         self._software_stop = SoftwareStop(
-            settings.software_stop_topics, settings.software_stop_timeout, self._inputs.fault_of)
+            settings.software_stop_topics,
+            settings.software_stop_timeout,
+            self._inputs.fault_of,
+        )
         for name in settings.software_stop_topics:
             receive = partial(self._receive_stop, name)
-            self._inputs.subscribe(topics.SOFTWARE_STOP._replace(name=name), receive, receive)
+            self._inputs.subscribe(
+                topics.SOFTWARE_STOP._replace(name=name), receive, receive
+            )
         self.transitions = {
             'configure': partial(self._start_alone, 'configure'),
             'activate': partial(self._start_alone, 'activate'),
             'deactivate': partial(self._loop.request, 'deactivate'),
             'cleanup': partial(self._loop.request, 'cleanup'),
-            'shutdown': partial(self._worker.submit, self._loop.close)}
+            'shutdown': partial(self._worker.submit, self._loop.close),
+        }
         self.offer(topics.HOME, partial(self._loop.request, 'home'))
         self.offer(topics.HALT, partial(self._loop.request, 'halt'))
         self.offer(topics.CLEAR_FAULTS, self._clear_faults)
-        self.offer(topics.SELF_TEST, partial(self._loop.request, 'self_test'), self._self_test)
+        self.offer(
+            topics.SELF_TEST, partial(self._loop.request, 'self_test'), self._self_test
+        )
         steady_timer(self, 1.0 / STATES_RATE, self._publish_joint_states)
         steady_timer(self, FEED_PERIOD, self._supervise)
 
@@ -131,26 +158,35 @@ class DriverNode(ManagedNode):
         self._loop.change(limits=limits)
         self.get_logger().info(
             f'limits of motion changed to {limits.speed:g} m/s, {limits.acceleration:g} m/s^2, '
-            f'{limits.jerk:g} m/s^3')
+            f'{limits.jerk:g} m/s^3'
+        )
 
     def _receive_setpoint(self, message: JointState) -> None:
         state = self._loop.snapshot().state
         if state is not ControllerState.ACTIVE:
             error = InputError(
-                state.value, f'setpoint rejected: {state_sentence(state.value)}, required is '
-                f'active{self.next_step()}')
+                state.value,
+                f'setpoint rejected: {state_sentence(state.value)}, required is '
+                f'active{self.next_step()}',
+            )
             # ik_service receives the new state a moment after an ordinary deactivate
-            self.diagnostics.reject(error, is_logged=state is not ControllerState.DEACTIVATING)
+            self.diagnostics.reject(
+                error, is_logged=state is not ControllerState.DEACTIVATING
+            )
             return
-        self._loop.send_setpoint(Setpoint(
-            seconds(message.header.stamp),
-            carriages_from(message.name, message.position, 'setpoint position'),
-            carriages_from(message.name, message.velocity, 'setpoint velocity')))
+        self._loop.send_setpoint(
+            Setpoint(
+                seconds(message.header.stamp),
+                carriages_from(message.name, message.position, 'setpoint position'),
+                carriages_from(message.name, message.velocity, 'setpoint velocity'),
+            )
+        )
 
     def _receive_forces(self, message: JointState) -> None:
         """Apply the forces of the simulated wall to the simulated drives."""
         self._loop.apply_forces(
-            carriages_from(message.name, message.effort, 'carriage_forces effort'))
+            carriages_from(message.name, message.effort, 'carriage_forces effort')
+        )
 
     def _receive_stop(self, name: str, message: Bool, _: object = None) -> None:
         """Record a stop, also from a topic with two publishers."""
@@ -179,7 +215,9 @@ class DriverNode(ManagedNode):
         self._was_stopped = snapshot.state in STOPPED_STATES
         self._publish_status()
         if not snapshot.state.is_active:
-            self.fall_back(snapshot.state in (ControllerState.LOST, ControllerState.UNCONFIGURED))
+            self.fall_back(
+                snapshot.state in (ControllerState.LOST, ControllerState.UNCONFIGURED)
+            )
         self.diagnostics.publish_change((snapshot.outcome(), self._outcome(snapshot)))
         self._loop.feed()
 
@@ -190,25 +228,43 @@ class DriverNode(ManagedNode):
             self._active_since = math.inf
         elif math.isinf(self._active_since):
             self._active_since = ros_time()
-        status, outcome = DriverStatus(
-            snapshot.state.value, self._loop.stream_status().activity, snapshot.next_step,
-            self._active_since, snapshot.power), self._outcome(snapshot)
+        status, outcome = (
+            DriverStatus(
+                snapshot.state.value,
+                self._loop.stream_status().activity,
+                snapshot.next_step,
+                self._active_since,
+                snapshot.power,
+            ),
+            self._outcome(snapshot),
+        )
         if (status, outcome) != self._published_status or now >= self._status_due:
-            self._published_status, self._status_due = (status, outcome), now + STATUS_PERIOD
-            self._status.publish(diagnostic_status('operation', *outcome, status.values()))
+            self._published_status, self._status_due = (
+                (status, outcome),
+                now + STATUS_PERIOD,
+            )
+            self._status.publish(
+                diagnostic_status('operation', *outcome, status.values())
+            )
 
     def _outcome(self, snapshot: ControllerSnapshot) -> tuple[str, str]:
         """Return level and message: the cause of a stop, or a fault for the operator."""
         return driver_diagnostics.group_outcome(
-            snapshot, self.last_failure, self._inputs.fault,
-            self._software_stop.cause(time.monotonic()))
+            snapshot,
+            self.last_failure,
+            self._inputs.fault,
+            self._software_stop.cause(time.monotonic()),
+        )
 
     def _components(self) -> list[DiagnosticStatus]:
         snapshot = self._loop.snapshot()
         return [
             driver_diagnostics.operation_status(
-                snapshot, self._loop.stream_status(), self._outcome(snapshot),
-                {'drive faults': self._drive_faults, **self._constants}),
+                snapshot,
+                self._loop.stream_status(),
+                self._outcome(snapshot),
+                {'drive faults': self._drive_faults, **self._constants},
+            ),
             driver_diagnostics.bus_status(snapshot, not self._is_simulated),
             *map(driver_diagnostics.axis_status, snapshot.axes),
         ]
@@ -225,7 +281,8 @@ class DriverNode(ManagedNode):
         if fault := self._inputs.fault_of(topics.DRIVER_STATUS.name):
             raise DriveStateError(
                 f'{name} rejected: {fault}, and both drivers would follow the setpoints; next: '
-                f'end one of the two, then {name}')
+                f'end one of the two, then {name}'
+            )
         if name == 'configure' and self._loop.snapshot().state is ControllerState.LOST:
             return self._worker.submit(self._restart)
         return self._loop.request(name)
@@ -239,7 +296,9 @@ class DriverNode(ManagedNode):
         released, job = self._software_stop.clear(time.monotonic()), Job()
         self._apply_software_stop()
         cleared = ''.join(f'{name} is cleared; ' for name in sorted(released))
-        if cleared and self.state_label == UNCONFIGURED:  # no drive has a fault to clear
+        if (
+            cleared and self.state_label == UNCONFIGURED
+        ):  # no drive has a fault to clear
             job.set_result(f'{cleared}next: configure, home, activate')
             return job
 
@@ -259,17 +318,28 @@ class DriverNode(ManagedNode):
         error = job.exception()
         problems = {'self_test': str(error)} if error else job.result()
         statuses = [
-            diagnostic_status(name, 'error' if problem else 'ok', problem or (
-                'identity, units and objects are as configured'), {})
-            for name, problem in problems.items()]
-        statuses.append(driver_diagnostics.bus_status(
-            self._loop.snapshot(), not self._is_simulated))
+            diagnostic_status(
+                name,
+                'error' if problem else 'ok',
+                problem or ('identity, units and objects are as configured'),
+                {},
+            )
+            for name, problem in problems.items()
+        ]
+        statuses.append(
+            driver_diagnostics.bus_status(self._loop.snapshot(), not self._is_simulated)
+        )
         failures = [
-            f'{one.name}: {one.message}' for one in statuses
-            if one.level != DiagnosticStatus.OK]
+            f'{one.name}: {one.message}'
+            for one in statuses
+            if one.level != DiagnosticStatus.OK
+        ]
         self.report(not failures, '; '.join(failures) or 'self_test passed')
         return SelfTest.Response(
-            id=self.get_fully_qualified_name(), passed=bytes([not failures]), status=statuses)
+            id=self.get_fully_qualified_name(),
+            passed=bytes([not failures]),
+            status=statuses,
+        )
 
 
 main = partial(run, lambda: [DriverNode()])

@@ -27,24 +27,30 @@ FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
 def operation_status(
-    snapshot: ControllerSnapshot, stream: StreamStatus, outcome: tuple[str, str],
+    snapshot: ControllerSnapshot,
+    stream: StreamStatus,
+    outcome: tuple[str, str],
     counters: dict[str, Any],
 ) -> DiagnosticStatus:
     """Return the component of the group of drives: state, cause, last rejection, next step."""
-    return diagnostic_status('operation', *outcome, {
-        'state': snapshot.state.value,
-        'power': snapshot.power,
-        'activity': stream.activity,
-        'cause': snapshot.cause,
-        'next step': snapshot.next_step,
-        'further causes': '; '.join(one.message for one in snapshot.causes[1:]),
-        'notes': '; '.join(snapshot.notes),
-        'not homed': ', '.join(snapshot.unhomed),
-        'limited cycles': stream.limited_cycles,
-        'brakes': stream.brakes,
-        'last brake': stream.last_brake,
-        **counters,
-    })
+    return diagnostic_status(
+        'operation',
+        *outcome,
+        {
+            'state': snapshot.state.value,
+            'power': snapshot.power,
+            'activity': stream.activity,
+            'cause': snapshot.cause,
+            'next step': snapshot.next_step,
+            'further causes': '; '.join(one.message for one in snapshot.causes[1:]),
+            'notes': '; '.join(snapshot.notes),
+            'not homed': ', '.join(snapshot.unhomed),
+            'limited cycles': stream.limited_cycles,
+            'brakes': stream.brakes,
+            'last brake': stream.last_brake,
+            **counters,
+        },
+    )
 
 
 def group_outcome(
@@ -71,9 +77,14 @@ def group_outcome(
 def overload(snapshot: ControllerSnapshot) -> str:
     """Return a warning if the computer is too slow for the cycle, else ``''``."""
     share = snapshot.cycle.late_share
-    return '' if share <= MAX_LATE_SHARE else (
-        f'the control loop was late in {100.0 * share:.1f} % of {LATE_WINDOW} cycles, '
-        f'bound {100.0 * MAX_LATE_SHARE:g} %; next: {Remedy.COMPUTER}')
+    return (
+        ''
+        if share <= MAX_LATE_SHARE
+        else (
+            f'the control loop was late in {100.0 * share:.1f} % of {LATE_WINDOW} cycles, '
+            f'bound {100.0 * MAX_LATE_SHARE:g} %; next: {Remedy.COMPUTER}'
+        )
+    )
 
 
 def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:
@@ -94,13 +105,23 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
     late = overload(snapshot)
     wants_priority = snapshot.realtime_priority == 0 and (is_real or late)
     is_disturbed = bus.condition != 'active' or bus.overflows
-    warnings = [late, NO_PRIORITY if wants_priority else '', (
-        f'the CAN controller is {bus.condition}, with {bus.overflows} overflows: '
+    warnings = [
+        late,
+        NO_PRIORITY if wants_priority else '',
+        (
+            f'the CAN controller is {bus.condition}, with {bus.overflows} overflows: '
             'check wiring, '
-        'termination and bit rate') if is_disturbed else '']
+            'termination and bit rate'
+        )
+        if is_disturbed
+        else '',
+    ]
     return diagnostic_status(
-        'bus', 'warn' if any(warnings) else 'ok',
-        '; '.join(filter(None, ['open' if is_open else 'closed', *warnings])), values)
+        'bus',
+        'warn' if any(warnings) else 'ok',
+        '; '.join(filter(None, ['open' if is_open else 'closed', *warnings])),
+        values,
+    )
 
 
 def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
@@ -131,7 +152,9 @@ def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:
         return 'stale', f'silent: these values are old{before}'
     if axis.state in FAULTS:
         return 'error', axis.error or 'in fault, the drive sent no error code'
-    if axis.state is None:  # not received yet: diagnostic_aggregator would make an error stale
+    if (
+        axis.state is None
+    ):  # not received yet: diagnostic_aggregator would make an error stale
         return 'stale' if axis.missed else 'ok', 'no frame received yet'
     state = _words(axis.state) + ('' if axis.homed else ', not homed')
     return ('warn', f'{state}; {axis.warning}') if axis.warning else ('ok', state)

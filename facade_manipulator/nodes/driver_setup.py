@@ -28,16 +28,23 @@ class DriverSettings:
     """Settings of the driver node in addition to those of the controller."""
 
     simulate_drives: bool = parameter(
-        'Whether the driver starts simulated drives on a virtual bus', default=False)
+        'Whether the driver starts simulated drives on a virtual bus', default=False
+    )
     configure_at_start: bool = parameter(
         'Whether the driver configures itself at its start, without powering the drives',
-        default=False)
+        default=False,
+    )
     software_stop_timeout: float = parameter(
         'Silence of software_stop, once received, that stops the drives and forbids power',
-        default=0.5, unit='s', minimum=0.05, maximum=10.0)
+        default=0.5,
+        unit='s',
+        minimum=0.05,
+        maximum=10.0,
+    )
     software_stop_topics: tuple[str, ...] = parameter(
         'Topics on which supervisors forbid power, one for each supervisor',
-        default=('software_stop',))
+        default=('software_stop',),
+    )
 
 
 def declare_setup(
@@ -50,8 +57,15 @@ def declare_setup(
     bus = declare(node, BusSettings, 'bus')
     stream = declare(node, StreamSettings, 'stream')
     limits = declare(
-        node, MotionLimits, 'limits', on_limits,
-        lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check())
+        node,
+        MotionLimits,
+        'limits',
+        on_limits,
+        lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check(),
+    )
     setup = LoopSetup(geometry, controller, axes, bus, stream, limits)
-    return setup if not is_simulated else replace(
-        setup, bus=replace(bus, interface='virtual'), simulate=SIMULATOR)
+    return (
+        setup
+        if not is_simulated
+        else replace(setup, bus=replace(bus, interface='virtual'), simulate=SIMULATOR)
+    )

@@ -17,7 +17,9 @@ from facade_manipulator.nodes.messages import status_values
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 
 STATUS_PERIOD = 0.5  # s, between two equal messages on driver/status
-SILENCE = 4 * STATUS_PERIOD  # s without a message, after which the driver counts as silent
+SILENCE = (
+    4 * STATUS_PERIOD
+)  # s without a message, after which the driver counts as silent
 
 
 def state_sentence(state: str) -> str:
@@ -31,7 +33,9 @@ class DriverStatus(NamedTuple):
 
     state: str  #: such as ``'active'`` or ``'stopped'``
     activity: str  #: of the carriages while the state is active, such as ``'holding'``
-    next_step: str  #: of the operator before goals are followed, ``''`` if they are followed
+    next_step: (
+        str  #: of the operator before goals are followed, ``''`` if they are followed
+    )
     #: since when the drives follow setpoints [s, ROS time]; infinite while they do not
     active_since: float = math.inf
     power: str = 'unknown'  #: of the drives, by their statuswords
@@ -42,7 +46,9 @@ class DriverStatus(NamedTuple):
 
     def values(self) -> dict[str, str]:
         """Return the values of the message on driver/status."""
-        return {name.replace('_', ' '): str(value) for name, value in self._asdict().items()}
+        return {
+            name.replace('_', ' '): str(value) for name, value in self._asdict().items()
+        }
 
     @staticmethod
     def from_message(message: DiagnosticStatus) -> DriverStatus:
@@ -52,8 +58,13 @@ class DriverStatus(NamedTuple):
             since = float(values['active since'])
             if not since > -math.inf:  # NaN neither
                 raise ValueError(f'active since {since}')
-            return DriverStatus(values['state'], values['activity'], values['next step'],
-                                since, values.get('power', 'unknown'))
+            return DriverStatus(
+                values['state'],
+                values['activity'],
+                values['next step'],
+                since,
+                values.get('power', 'unknown'),
+            )
         except (KeyError, ValueError) as error:
             raise InputError('names', f'driver/status rejected: {error}') from None
 
@@ -80,12 +91,16 @@ class DriverWatch:
 
     """
 
-    def __init__(self, node: Node, inputs: PublisherWatch, on_change: Callable[[], None]) -> None:
+    def __init__(
+        self, node: Node, inputs: PublisherWatch, on_change: Callable[[], None]
+    ) -> None:
         self.status: DriverStatus | None = None
         self._active_from = math.inf  # s, monotonic: the system clock may be set
         self._on_change = on_change
         inputs.subscribe(topics.DRIVER_STATUS, self._receive)
-        self._silence = steady_timer(node, SILENCE, lambda: self._change(SILENT), autostart=False)
+        self._silence = steady_timer(
+            node, SILENCE, lambda: self._change(SILENT), autostart=False
+        )
 
     @property
     def idle(self) -> DriverStatus | None:
@@ -106,8 +121,15 @@ class DriverWatch:
             return
         if self.status is None or status.active_since != self.status.active_since:
             # a driver that returns starts no earlier motion; the clock may have been set back
-            age = 0.0 if self.status is SILENT else max(ros_time() - status.active_since, 0.0)
-            self._active_from = math.inf if math.isinf(status.active_since) else (
-                time.monotonic() - age)
+            age = (
+                0.0
+                if self.status is SILENT
+                else max(ros_time() - status.active_since, 0.0)
+            )
+            self._active_from = (
+                math.inf
+                if math.isinf(status.active_since)
+                else (time.monotonic() - age)
+            )
         self.status = status
         self._on_change()

@@ -16,10 +16,19 @@ from sensor_msgs.msg import JointState
 from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
-from facade_manipulator.motion.reference import HeadMotion, ReferencePath, ReferenceSettings
+from facade_manipulator.motion.reference import (
+    HeadMotion,
+    ReferencePath,
+    ReferenceSettings,
+)
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream, STREAM_GAP
 from facade_manipulator.nodes import conversions, messages
-from facade_manipulator.nodes.conversions import joint_state, pose_stamped, ros_time, steady_timer
+from facade_manipulator.nodes.conversions import (
+    joint_state,
+    pose_stamped,
+    ros_time,
+    steady_timer,
+)
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_status import DriverWatch
 from facade_manipulator.nodes.parameters import declare
@@ -41,9 +50,14 @@ class IkServiceNode(Node):
         self._stream = SetpointStream(geometry, declare(self, GoalSettings))
         self._approach = ReferencePath(declare(self, ReferenceSettings, 'approach'))
         self._approach_timer = steady_timer(
-            self, APPROACH_PERIOD, self._continue_approach, autostart=False)
-        self._followed_time = self._followed_at = -math.inf  # of the last goal: stamp; monotonic
-        self._waiting: tuple[float, Pose] | None = None  # goal before activation, when received
+            self, APPROACH_PERIOD, self._continue_approach, autostart=False
+        )
+        self._followed_time = (
+            self._followed_at
+        ) = -math.inf  # of the last goal: stamp; monotonic
+        self._waiting: tuple[float, Pose] | None = (
+            None  # goal before activation, when received
+        )
         self._head: Pose | None = None
         self._rejected = ''
         self._setpoint_count = 0
@@ -59,8 +73,12 @@ class IkServiceNode(Node):
         self._rejected_requests = self.create_publisher(*topics.REJECTIONS)
         self.inputs = PublisherWatch(self, self.diagnostics, self._change_publishers)
         self._driver = DriverWatch(self, self.inputs, self._change_driver)
-        self.inputs.subscribe(topics.CORRECTED_POSE, self._receive_corrected_pose,
-                               self._end_approach, self._frames.rail)
+        self.inputs.subscribe(
+            topics.CORRECTED_POSE,
+            self._receive_corrected_pose,
+            self._end_approach,
+            self._frames.rail,
+        )
         self.inputs.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         self.create_service(*topics.SOLVE, self._solve)
 
@@ -117,26 +135,49 @@ class IkServiceNode(Node):
     def _receive_joint_states(self, message: JointState) -> None:
         self._head = None
         time = messages.seconds(message.header.stamp)
-        carriages = Carriages(*messages.carriages_from(
-            message.name, message.position, 'joint_states position'))
+        carriages = Carriages(
+            *messages.carriages_from(
+                message.name, message.position, 'joint_states position'
+            )
+        )
         self._head = head = self._stream.mechanism.forward_kinematics(carriages)
-        self.heads.publish(pose_stamped(self._frames.rail, time, head, self._head_message))
+        self.heads.publish(
+            pose_stamped(self._frames.rail, time, head, self._head_message)
+        )
         self._description.publish(time, head)
 
-    def _solve(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
+    def _solve(
+        self, request: GetPlan.Request, response: GetPlan.Response
+    ) -> GetPlan.Response:
         header = response.plan.header
         header.frame_id, header.stamp = ACTUATOR_SPACE, self.get_clock().now().to_msg()
         try:
             path = self._path(request)
         except ManipulatorError as error:
             self.diagnostics.reject(error, 'solve')
-            self._rejected_requests.publish(diagnostic_status('solve', 'error', str(error), {
-                'goal stamp': messages.stamp_text(request.goal.header.stamp),
-                **{key: getattr(error, key) for key in REASON if hasattr(error, key)}}))
+            self._rejected_requests.publish(
+                diagnostic_status(
+                    'solve',
+                    'error',
+                    str(error),
+                    {
+                        'goal stamp': messages.stamp_text(request.goal.header.stamp),
+                        **{
+                            key: getattr(error, key)
+                            for key in REASON
+                            if hasattr(error, key)
+                        },
+                    },
+                )
+            )
             return response
         for q1, q2, q3 in path:
             pose = PoseStamped(header=header)
-            pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = q1, q2, q3
+            pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = (
+                q1,
+                q2,
+                q3,
+            )
             response.plan.poses.append(pose)
         return response
 
@@ -175,12 +216,19 @@ class IkServiceNode(Node):
             return 'warn', f'no goal is followed: {idle}{next_step}'
         if not self._driver.may_move(self._followed_at):
             return 'ok', 'holding: no goal since the drives were activated'
-        if self._driver.status is not None and self._driver.status.activity == 'holding':
+        if (
+            self._driver.status is not None
+            and self._driver.status.activity == 'holding'
+        ):
             return 'ok', 'holding: no goal is received'
         return 'ok', 'following the goals' if self._setpoint_count else 'no goal yet'
 
     def _components(self) -> list[DiagnosticStatus]:
-        return [diagnostic_status('goal', *self._outcome(), {'setpoints': self._setpoint_count})]
+        return [
+            diagnostic_status(
+                'goal', *self._outcome(), {'setpoints': self._setpoint_count}
+            )
+        ]
 
 
 main = partial(run, lambda: [IkServiceNode()])

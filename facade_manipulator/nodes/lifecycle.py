@@ -70,13 +70,17 @@ class ManagedNode(LifecycleNode):
             finish(job)
 
     def offer(
-        self, service: Service, start: Callable[[], Job],
+        self,
+        service: Service,
+        start: Callable[[], Job],
         answer: Callable[[Job], Any] | None = None,
     ) -> None:
         """Offer a service that starts a job; `answer` makes a response other than of Trigger."""
         answer = answer or self._trigger_response
         made = self.create_service(*service, lambda _, response: response)
-        answer_later(made, lambda _, respond: self._run(start, lambda job: respond(answer(job))))
+        answer_later(
+            made, lambda _, respond: self._run(start, lambda job: respond(answer(job)))
+        )
 
     def fall_back(self, to_unconfigured: bool) -> None:
         """Leave a state that the drives have already left: to inactive, or to unconfigured."""
@@ -90,6 +94,7 @@ class ManagedNode(LifecycleNode):
 
     def configure_soon(self, missing: Callable[[], str] = str) -> None:
         """Configure without a request as soon as `missing` returns ``''`` instead of a reason."""
+
         def look() -> None:
             if self.state_label == UNCONFIGURED and (lacking := missing()):
                 self.report(False, f'configure waits: {lacking}')
@@ -116,23 +121,32 @@ class ManagedNode(LifecycleNode):
         return Trigger.Response(success=error is None, message=message)
 
     def _change_state(
-        self, request: ChangeState.Request, respond: Callable[[ChangeState.Response], None]
+        self,
+        request: ChangeState.Request,
+        respond: Callable[[ChangeState.Response], None],
     ) -> None:
         wanted = request.transition
         transition = self._machine.possible(wanted.label or wanted.id)
         if transition is None:
             self.report(
-                False, f'{wanted.label or self._machine.label_of(wanted.id)} rejected: '
-                f'the node is {self.state_label}{self.next_step()}')
+                False,
+                f'{wanted.label or self._machine.label_of(wanted.id)} rejected: '
+                f'the node is {self.state_label}{self.next_step()}',
+            )
             respond(ChangeState.Response(success=False))
         else:
             self._begin(transition, respond)
 
-    def _begin(self, transition: int, respond: Callable[[ChangeState.Response], None]) -> None:
+    def _begin(
+        self, transition: int, respond: Callable[[ChangeState.Response], None]
+    ) -> None:
         def finish(job: Job) -> None:
             error = job.exception()
             self._machine.finish(is_successful=error is None)
-            self.report(error is None, f'{label} failed: {error}' if error else str(job.result()))
+            self.report(
+                error is None,
+                f'{label} failed: {error}' if error else str(job.result()),
+            )
             respond(ChangeState.Response(success=error is None))
 
         label = self._machine.label_of(transition)

@@ -15,12 +15,20 @@ from typing import Any, NamedTuple
 from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.kinematics import Carriages, Pose, Wrench
 
-BILLION = 10 ** 9  # ns of a second
+BILLION = 10**9  # ns of a second
 PLANE_TOLERANCE = 1e-6  # m
 TILT_TOLERANCE = 1e-3  # rad
 NORM_TOLERANCE = 1e-3  # quaternions are often sent rounded
 CARRIAGES = Carriages._fields
-POSE_NUMBERS = ('x', 'y', 'z', 'orientation.x', 'orientation.y', 'orientation.z', 'orientation.w')
+POSE_NUMBERS = (
+    'x',
+    'y',
+    'z',
+    'orientation.x',
+    'orientation.y',
+    'orientation.z',
+    'orientation.w',
+)
 LEVELS = ('ok', 'warn', 'error', 'stale')  # of diagnostics, by number
 MAXIMUM_AGE, MAXIMUM_LEAD = 5.0, 1.0  # s, of the stamp of a command on arrival
 VARIANCES = (0, 7, 35)  # of x, y and yaw among the 36 of a pose's covariance
@@ -37,8 +45,10 @@ class Frames(NamedTuple):
     @classmethod
     def of(cls, namespace: str) -> Frames:
         """Return the frames of a namespace."""
-        prefix = f"{namespace.strip('/')}/".lstrip('/')
-        return cls(prefix, *(prefix + frame for frame in ('facade', 'rail', 'end_effector')))
+        prefix = f'{namespace.strip("/")}/'.lstrip('/')
+        return cls(
+            prefix, *(prefix + frame for frame in ('facade', 'rail', 'end_effector'))
+        )
 
 
 class OutOfPlane(NamedTuple):
@@ -55,7 +65,9 @@ def seconds(stamp: Any) -> float:
     Raises an InputError with reason ``'malformed'`` if the nanoseconds are a second or more.
     """
     if stamp.nanosec >= BILLION:
-        raise InputError('malformed', f'stamp rejected: {stamp.nanosec} ns, bound {BILLION} ns')
+        raise InputError(
+            'malformed', f'stamp rejected: {stamp.nanosec} ns, bound {BILLION} ns'
+        )
     return stamp.sec + stamp.nanosec * 1e-9
 
 
@@ -78,14 +90,19 @@ def require_recent_command(name: str, stamp: float, now: float) -> None:
 def require_frame(frame_id: str, expected: str, name: str) -> None:
     """Reject a message in another frame by an InputError with reason ``'frame'``."""
     if frame_id != expected:
-        raise InputError('frame', f"{name} is in frame {quoted(frame_id)}, expected '{expected}'")
+        raise InputError(
+            'frame', f"{name} is in frame {quoted(frame_id)}, expected '{expected}'"
+        )
 
 
 def require_finite(names: Sequence[str], values: Sequence[float], name: str) -> None:
     """Reject values that are not finite by an InputError with reason ``'not_finite'``."""
     if not all(map(math.isfinite, values)):
-        part, value = next(pair for pair in zip(names, values, strict=True)
-                           if not math.isfinite(pair[1]))
+        part, value = next(
+            pair
+            for pair in zip(names, values, strict=True)
+            if not math.isfinite(pair[1])
+        )
         raise InputError.not_finite(f'{name} {part}', value)
 
 
@@ -98,12 +115,22 @@ def projected(message: Any, name: str) -> tuple[Pose, OutOfPlane]:
     ``'not_finite'`` or ``'quaternion'``.
     """
     position, q = message.position, message.orientation
-    x, y, z, qx, qy, qz, qw = numbers = (position.x, position.y, position.z, q.x, q.y, q.z, q.w)
+    x, y, z, qx, qy, qz, qw = numbers = (
+        position.x,
+        position.y,
+        position.z,
+        q.x,
+        q.y,
+        q.z,
+        q.w,
+    )
     require_finite(POSE_NUMBERS, numbers, name)
     norm = math.hypot(qx, qy, qz, qw)
     if abs(norm - 1.0) > NORM_TOLERANCE:
-        raise InputError('quaternion', f'{name} orientation has norm {norm:.6g}, expected 1 ± '
-                         f'{NORM_TOLERANCE:g}')
+        raise InputError(
+            'quaternion',
+            f'{name} orientation has norm {norm:.6g}, expected 1 ± {NORM_TOLERANCE:g}',
+        )
     tilt = 2.0 * math.atan2(math.hypot(qx, qy), math.hypot(qz, qw))
     yaw = math.atan2(2.0 * qz * qw, (qw - qz) * (qw + qz))
     return Pose(x, y, yaw), OutOfPlane(z, tilt)
@@ -113,10 +140,15 @@ def planar_pose(message: Any, name: str) -> Pose:
     """Return a planar geometry_msgs/Pose; raises as `projected`, or ``'out_of_plane'``."""
     pose, (height, tilt) = projected(message, name)
     if abs(height) > PLANE_TOLERANCE:
-        raise InputError('out_of_plane', f'{name} z = {height:.6g} m is out of the plane z = 0 m')
+        raise InputError(
+            'out_of_plane', f'{name} z = {height:.6g} m is out of the plane z = 0 m'
+        )
     if tilt > TILT_TOLERANCE:
-        raise InputError('out_of_plane', f'{name} is tilted by {tilt:.4g} rad out of the plane, '
-                         f'bound {TILT_TOLERANCE:g} rad')
+        raise InputError(
+            'out_of_plane',
+            f'{name} is tilted by {tilt:.4g} rad out of the plane, '
+            f'bound {TILT_TOLERANCE:g} rad',
+        )
     return pose
 
 
@@ -126,7 +158,9 @@ def pose_in_frame(message: Any, frame_id: str, name: str) -> Pose:
     return planar_pose(message.pose, name)
 
 
-def estimated_pose(message: Any, name: str) -> tuple[Pose, OutOfPlane, tuple[float, float, float]]:
+def estimated_pose(
+    message: Any, name: str
+) -> tuple[Pose, OutOfPlane, tuple[float, float, float]]:
     """Return pose [m, m, rad], difference from the plane, and variances of a message."""
     x, y, yaw = (float(message.pose.covariance[k]) for k in VARIANCES)
     return *projected(message.pose.pose, name), (x, y, yaw)
@@ -142,10 +176,15 @@ def carriages_from(
     InputError with reason ``'names'`` or ``'not_finite'``.
     """
     if len(values) != len(names):
-        raise InputError('names', f'{name} has {len(values)} values for {len(names)} names')
+        raise InputError(
+            'names', f'{name} has {len(values)} values for {len(names)} names'
+        )
     if tuple(names) != CARRIAGES and sorted(names) != sorted(CARRIAGES):
-        raise InputError('names', f'{name} names {quoted(list(names))}, expected each of '
-                         f'{", ".join(CARRIAGES)} once')
+        raise InputError(
+            'names',
+            f'{name} names {quoted(list(names))}, expected each of '
+            f'{", ".join(CARRIAGES)} once',
+        )
     require_finite(names, values, f'{name} of')
     q1, q2, q3 = (values[names.index(carriage)] for carriage in CARRIAGES)
     return q1, q2, q3

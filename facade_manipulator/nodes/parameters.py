@@ -21,10 +21,14 @@ Settings = TypeVar('Settings')
 
 
 def declare(
-    node: Node, cls: type[Settings], prefix: str = '',
+    node: Node,
+    cls: type[Settings],
+    prefix: str = '',
     on_change: Callable[[Settings], None] = lambda _: None,
-    check: Callable[[Settings], object] = lambda _: None, *,
-    only: Collection[str] = (), **defaults: Any,
+    check: Callable[[Settings], object] = lambda _: None,
+    *,
+    only: Collection[str] = (),
+    **defaults: Any,
 ) -> Settings:
     """
     Declare the fields of a settings dataclass and return the settings of the node.
@@ -52,19 +56,27 @@ def declare(
         A value has the wrong type, is out of its range or contradicts another value.
 
     """
+
     def make(values: dict[str, Any]) -> Settings:
         made = parameters.settings_from(cls, values, prefix, only, **defaults)
         check(made)
         return made
 
     made = make({name: _plain(item) for name, item in given_parameters(node).items()})
-    infos = {parameters.full_name(prefix, name): (getattr(made, name), info)
-             for name, info in parameters.parameter_fields(cls, only).items()}
+    infos = {
+        parameters.full_name(prefix, name): (getattr(made, name), info)
+        for name, info in parameters.parameter_fields(cls, only).items()
+    }
     for name, (value, info) in infos.items():
         node.declare_parameter(
-            name, list(value) if isinstance(value, tuple) else value,
-            ParameterDescriptor(description=info.text, additional_constraints=accepted(info),
-                                read_only=not info.live))
+            name,
+            list(value) if isinstance(value, tuple) else value,
+            ParameterDescriptor(
+                description=info.text,
+                additional_constraints=accepted(info),
+                read_only=not info.live,
+            ),
+        )
     if any(info.live for _, info in infos.values()):
         _accept_live_changes(node, infos.keys(), make, on_change)
     return made
@@ -78,14 +90,21 @@ def accepted(info: parameters.ParameterInfo) -> str:
 
 
 def _accept_live_changes(
-    node: Node, names: Collection[str], make: Callable[[dict[str, Any]], Settings],
+    node: Node,
+    names: Collection[str],
+    make: Callable[[dict[str, Any]], Settings],
     on_change: Callable[[Settings], None],
 ) -> None:
     """Check a change of some parameters by making the settings, then pass the new settings."""
+
     def made_with(changes: Sequence[Parameter]) -> Settings:
         changed = {item.name: item for item in changes}
-        return make({name: _plain(changed.get(name) or node.get_parameter(name))
-                     for name in names})
+        return make(
+            {
+                name: _plain(changed.get(name) or node.get_parameter(name))
+                for name in names
+            }
+        )
 
     def validate(changes: Sequence[Parameter]) -> SetParametersResult:
         try:
@@ -102,7 +121,9 @@ def _accept_live_changes(
     node.add_post_set_parameters_callback(apply)
 
 
-def reject_unknown_parameters(nodes: Sequence[Node], args: Sequence[str] | None = None) -> None:
+def reject_unknown_parameters(
+    nodes: Sequence[Node], args: Sequence[str] | None = None
+) -> None:
     """
     Raise a ParameterError for a parameter that no node of this process has declared.
 
@@ -112,21 +133,29 @@ def reject_unknown_parameters(nodes: Sequence[Node], args: Sequence[str] | None 
     """
     words = list(pairwise(sys.argv if args is None else args))
     arguments = [_argument(value) for word, value in words if word in ('-p', '--param')]
-    files = parameters.read_sections([
-        Path(value) for word, value in words if word == '--params-file'])
+    files = parameters.read_sections(
+        [Path(value) for word, value in words if word == '--params-file']
+    )
     own = {node.get_name(): node for node in nodes}
     known = {name for node in nodes for name in node.list_parameters([], 0).names}
     groups = {name.partition('.')[0] for name in known}
     _require_namespace(nodes, {section.strip('/') for section in files})
-    for section, name in [*((section, name) for section, values in files.items()
-                            for name in values), *(argument[:2] for argument in arguments)]:
+    for section, name in [
+        *((section, name) for section, values in files.items() for name in values),
+        *(argument[:2] for argument in arguments),
+    ]:
         target = parameters.require_known_node(section, {*parameters.NODES, *own})
         group = name.partition('.')[0]
-        if group in OF_ROS or (own[target].has_parameter(name) if target in own
-                               else name in known or target in parameters.NODES):
+        if group in OF_ROS or (
+            own[target].has_parameter(name)
+            if target in own
+            else name in known or target in parameters.NODES
+        ):
             continue
-        message = (f"{' and '.join(own)} has no parameter '{name}'"
-                   f'{parameters.nearest(name, known)}')
+        message = (
+            f"{' and '.join(own)} has no parameter '{name}'"
+            f'{parameters.nearest(name, known)}'
+        )
         if target in own or not section or group in groups:
             raise ParameterError(message)
         if group != 'geometry':  # other processes have it
@@ -134,11 +163,15 @@ def reject_unknown_parameters(nodes: Sequence[Node], args: Sequence[str] | None 
     # a section of a file and a namespace override an argument
     for target, name, value in arguments:
         for node in nodes:
-            if target in ('', node.get_name()) and node.has_parameter(name) and (
-                    actual := _plain(node.get_parameter(name))) != value:
+            if (
+                target in ('', node.get_name())
+                and node.has_parameter(name)
+                and (actual := _plain(node.get_parameter(name))) != value
+            ):
                 raise ParameterError(
                     f'argument {name}:={value} has no effect on {node.get_name()}: the value is '
-                    f'{actual}; next: change it in the parameter file')
+                    f'{actual}; next: change it in the parameter file'
+                )
 
 
 def _require_namespace(nodes: Sequence[Node], sections: Collection[str]) -> None:
@@ -147,7 +180,8 @@ def _require_namespace(nodes: Sequence[Node], sections: Collection[str]) -> None
         if node.get_namespace() != '/' and node.get_name() in sections:
             raise ParameterError(
                 f'section {node.get_name()} of a parameter file does not apply to '
-                f'{node.get_fully_qualified_name()}; next: rename it to /**/{node.get_name()}')
+                f'{node.get_fully_qualified_name()}; next: rename it to /**/{node.get_name()}'
+            )
 
 
 def _argument(text: str) -> tuple[str, str, Any]:
@@ -160,4 +194,8 @@ def _argument(text: str) -> tuple[str, str, Any]:
 def _plain(item: Parameter) -> Any:
     """Return the value of a parameter, an array as a list."""
     value = item.value
-    return value if value is None or isinstance(value, (bool, int, float, str)) else list(value)
+    return (
+        value
+        if value is None or isinstance(value, (bool, int, float, str))
+        else list(value)
+    )

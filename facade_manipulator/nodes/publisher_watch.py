@@ -58,12 +58,17 @@ class PublisherWatch:
     """
 
     def __init__(
-        self, node: Node, diagnostics: Diagnostics, on_change: Callable[[], None] = lambda: None
+        self,
+        node: Node,
+        diagnostics: Diagnostics,
+        on_change: Callable[[], None] = lambda: None,
     ) -> None:
         self._node, self._diagnostics, self._on_change = node, diagnostics, on_change
         self._names: list[str] = []
         self._faults: dict[str, str] = {}  # of the topics with a second publisher
-        self._incompatible: dict[str, str] = {}  # of those whose publisher cannot be received
+        self._incompatible: dict[
+            str, str
+        ] = {}  # of those whose publisher cannot be received
         steady_timer(node, LOOK_PERIOD, self.look)
 
     def watch(self, name: str) -> None:
@@ -71,7 +76,9 @@ class PublisherWatch:
         self._names.append(name)
 
     def subscribe(
-        self, topic: Topic, callback: Callable[[Any], None],
+        self,
+        topic: Topic,
+        callback: Callable[[Any], None],
         on_rejection: Callable[[Any, ManipulatorError], None] = lambda *_: None,
         frame_id: str = '',
     ) -> None:
@@ -100,7 +107,9 @@ class PublisherWatch:
                     require_frame(message.header.frame_id, frame_id, name)
                 callback(message)
             except ManipulatorError as error:
-                self._diagnostics.reject(error, name if isinstance(error, LimitError) else '')
+                self._diagnostics.reject(
+                    error, name if isinstance(error, LimitError) else ''
+                )
                 on_rejection(message, error)
 
         def count(status: Any) -> None:
@@ -108,13 +117,20 @@ class PublisherWatch:
 
         def report_incompatible(_: object) -> None:
             self._incompatible[name] = (
-                f'{name} has an incompatible publisher: its quality of service is not reliable')
+                f'{name} has an incompatible publisher: its quality of service is not reliable'
+            )
             self._diagnostics.reject(InputError('quality', self._incompatible[name]))
             self._on_change()
 
         self._node.create_subscription(
-            topic.type, name, receive, topic.qos, event_callbacks=SubscriptionEventCallbacks(
-                incompatible_qos=report_incompatible, matched=count))
+            topic.type,
+            name,
+            receive,
+            topic.qos,
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=report_incompatible, matched=count
+            ),
+        )
 
     def connect(self, publisher: Publisher) -> Any:
         """
@@ -155,10 +171,15 @@ class PublisherWatch:
         count = max(matched, self._node.count_publishers(topic))
         before = self._faults.pop(name, '')
         if count > BOUND:
-            nodes = ', '.join(sorted(
-                f"{one.node_namespace.rstrip('/')}/{one.node_name}"
-                for one in self._node.get_publishers_info_by_topic(topic)))
+            nodes = ', '.join(
+                sorted(
+                    f'{one.node_namespace.rstrip("/")}/{one.node_name}'
+                    for one in self._node.get_publishers_info_by_topic(topic)
+                )
+            )
             nodes = nodes.replace(NAMELESS, 'unknown')
-            self._faults[name] = f'{name} has {count} publishers ({nodes}), bound {BOUND}'
+            self._faults[name] = (
+                f'{name} has {count} publishers ({nodes}), bound {BOUND}'
+            )
         if self._faults.get(name, '') != before:
             self._on_change()

@@ -41,8 +41,10 @@ LOOK_PERIOD = 0.1  # s, maximum delay of a signal
 MOST_EXCEPTIONS, EXCEPTION_PERIOD = 10, 10.0
 OWN_CODE = str(Path(__file__).parents[1])
 RUN_LOOP = {__file__, workarounds.__file__}
-SIMULATED_TIME = ('use_sim_time rejected: true, required is false, because a publisher of /clock '
-                  'could stop the supervision of the drives; next: remove use_sim_time')
+SIMULATED_TIME = (
+    'use_sim_time rejected: true, required is false, because a publisher of /clock '
+    'could stop the supervision of the drives; next: remove use_sim_time'
+)
 
 
 def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None) -> int:
@@ -66,13 +68,17 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
         for node in nodes:
             if node.get_parameter('use_sim_time').value:
                 raise ParameterError(SIMULATED_TIME)
-            node.set_descriptor('use_sim_time', ParameterDescriptor(
-                type=ParameterType.PARAMETER_BOOL, read_only=True))
+            node.set_descriptor(
+                'use_sim_time',
+                ParameterDescriptor(type=ParameterType.PARAMETER_BOOL, read_only=True),
+            )
             node.get_logger().info('ready' + getattr(node, 'next_step', str)())
         gc.freeze()  # later collections skip the objects of the start
         _spin(nodes, signals)
     except ExternalShutdownException:
-        print('ended without a signal: ROS was shut down in this process', file=sys.stderr)
+        print(
+            'ended without a signal: ROS was shut down in this process', file=sys.stderr
+        )
         return FAILED
     except KeyboardInterrupt:
         return 0
@@ -93,7 +99,9 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
 
 def _stop(signals: list[int], number: int, _: object) -> None:
     """Ask for the end; the second signal ends callbacks from which the executor never returns."""
-    if signals:  # EventsExecutor: while messages arrive faster than their callback returns
+    if (
+        signals
+    ):  # EventsExecutor: while messages arrive faster than their callback returns
         raise KeyboardInterrupt
     signals.append(number)
 
@@ -106,7 +114,8 @@ def _spin(nodes: Sequence[Node], signals: Sequence[int]) -> None:
     times: deque[float] = deque(maxlen=MOST_EXCEPTIONS)
     behind = list(nodes)  # nodes for which messages may wait in the middleware
     while not signals and not any(
-            getattr(node, 'state_label', '') == 'finalized' for node in nodes):
+        getattr(node, 'state_label', '') == 'finalized' for node in nodes
+    ):
         try:
             # returning at each event would cost a twentieth of the time of a fast node
             executor.spin_until_future_complete(Future(), timeout_sec=LOOK_PERIOD)
@@ -116,7 +125,10 @@ def _spin(nodes: Sequence[Node], signals: Sequence[int]) -> None:
             behind = list(nodes)
             if _report_exception(nodes, error):
                 times.append(time.monotonic())
-            if len(times) == MOST_EXCEPTIONS and times[-1] - times[0] < EXCEPTION_PERIOD:
+            if (
+                len(times) == MOST_EXCEPTIONS
+                and times[-1] - times[0] < EXCEPTION_PERIOD
+            ):
                 raise
         if not rclpy.ok():
             raise ExternalShutdownException
@@ -135,7 +147,9 @@ def _report_exception(nodes: Sequence[Node], error: Exception) -> bool:
     is_own = any(file.startswith(OWN_CODE) for file in files - RUN_LOOP)
     for node in nodes:
         node.get_logger().error(''.join(traceback.format_exception(error)))
-        cast(Any, node).diagnostics.reject(InputError('exception', repr(error)), is_logged=False)
+        cast(Any, node).diagnostics.reject(
+            InputError('exception', repr(error)), is_logged=False
+        )
         if is_own:
             getattr(node, 'handle_exception', str)(error)
     return is_own or not any(file.endswith('_service.py') for file in files)
@@ -164,7 +178,9 @@ def ros_errors() -> Iterator[None]:
 def handle_signals(action: Callable[[int, Any], object] | signal.Handlers) -> None:
     """Set the handler of all signals that end a process, except SIGHUP under nohup."""
     for number in STOP_SIGNALS:
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup
+        if (
+            number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN
+        ):  # nohup
             signal.signal(number, action)
 
 
@@ -172,7 +188,10 @@ def _reject_other_arguments(args: list[str] | None) -> None:
     """Answer ``--help``, and exit at an argument that ROS does not read."""
     words = remove_ros_args(args=sys.argv if args is None else ['node', *args])
     argparse.ArgumentParser(
-        prog=Path(words[0]).name, description='A node of facade_manipulator.', epilog=(
+        prog=Path(words[0]).name,
+        description='A node of facade_manipulator.',
+        epilog=(
             'ROS arguments follow --ros-args: --params-file FILE, -p NAME:=VALUE, -r __ns:=/NAME. '
-            'Parameters: ros2 param list, ros2 param describe, config/manipulator.yaml.'),
+            'Parameters: ros2 param list, ros2 param describe, config/manipulator.yaml.'
+        ),
     ).parse_args(words[1:])

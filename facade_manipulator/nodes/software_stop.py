@@ -49,14 +49,23 @@ class SoftwareStop:
 
     def cause(self, now: float) -> str:
         """Return why no drive may have power, ``''`` if all supervisors allow power."""
-        return '; '.join(filter(None, (
-            f'{name} was set' if topic.is_latched else
-            self._fault_of(name) or self._silence(name, now)
-            for name, topic in self._topics.items())))
+        return '; '.join(
+            filter(
+                None,
+                (
+                    f'{name} was set'
+                    if topic.is_latched
+                    else self._fault_of(name) or self._silence(name, now)
+                    for name, topic in self._topics.items()
+                ),
+            )
+        )
 
     def next_step(self, now: float) -> str:
         """Return the steps before clear_faults, ``''`` if each newest message is false."""
-        return ', '.join(filter(None, (self._obstacle(name, now)[1] for name in self._topics)))
+        return ', '.join(
+            filter(None, (self._obstacle(name, now)[1] for name in self._topics))
+        )
 
     def receive(self, name: str, is_set: bool, now: float) -> None:
         """Record a message of a supervisor, received at a time [s]."""
@@ -75,8 +84,11 @@ class SoftwareStop:
             reason, next_step = self._obstacle(name, now)
             if reason:
                 raise DriveStateError(
-                    f'clear_faults rejected: {reason}; next: {next_step}, then clear_faults')
-        released = frozenset(name for name, topic in self._topics.items() if topic.is_latched)
+                    f'clear_faults rejected: {reason}; next: {next_step}, then clear_faults'
+                )
+        released = frozenset(
+            name for name, topic in self._topics.items() if topic.is_latched
+        )
         for name in released:
             self._topics[name].is_latched = False
         return released
@@ -93,8 +105,10 @@ class SoftwareStop:
             return fault, ONE_EACH.format(name)
         reason = self._silence(name, now)
         if topic.newest:
-            reason = (f'{name} is true, received {now - topic.received_at:.2f} s ago, '
-                      'required is false')
+            reason = (
+                f'{name} is true, received {now - topic.received_at:.2f} s ago, '
+                'required is false'
+            )
         return reason, reason and SEND_FALSE.format(name)
 
     def _silence(self, name: str, now: float) -> str:

@@ -15,8 +15,12 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-ROSError: type[Exception] = rclpy_implementation.RCLError  #: rclpy has no public name for it
-MOST_WAITING = 100  # maximum number of messages taken from a topic at once: a flood must not block
+ROSError: type[Exception] = (
+    rclpy_implementation.RCLError
+)  #: rclpy has no public name for it
+MOST_WAITING = (
+    100  # maximum number of messages taken from a topic at once: a flood must not block
+)
 
 
 def given_parameters(node: Node) -> dict[str, Parameter]:
@@ -28,7 +32,9 @@ def given_parameters(node: Node) -> dict[str, Parameter]:
     return node._parameter_overrides
 
 
-def answer_later(service: Any, begin: Callable[[Any, Callable[[Any], None]], None]) -> None:
+def answer_later(
+    service: Any, begin: Callable[[Any, Callable[[Any], None]], None]
+) -> None:
     """
     Change a service to answer after its callback has returned.
 
@@ -39,7 +45,8 @@ def answer_later(service: Any, begin: Callable[[Any, Callable[[Any], None]], Non
     send_response = service.send_response
     service.callback = lambda request, _: request
     service.send_response = lambda request, header: begin(
-        request, lambda response: send_response(response, header))
+        request, lambda response: send_response(response, header)
+    )
 
 
 def take_waiting(node: Node) -> None:
@@ -77,7 +84,8 @@ class LifecycleMachine:
     """
 
     def __init__(
-        self, node: LifecycleNode,
+        self,
+        node: LifecycleNode,
         change_state: Callable[[Any, Callable[[Any], None]], None],
     ) -> None:
         self._machine = node._state_machine
@@ -91,7 +99,10 @@ class LifecycleMachine:
     def possible(self, wanted: str | int) -> int | None:
         """Return the id of the requested transition, None if it is impossible now."""
         for number, label, *_ in self._machine.available_transitions:
-            if wanted in (number, label) and number <= Transition.TRANSITION_ACTIVE_SHUTDOWN:
+            if (
+                wanted in (number, label)
+                and number <= Transition.TRANSITION_ACTIVE_SHUTDOWN
+            ):
                 return number
         return None
 

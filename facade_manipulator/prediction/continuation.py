@@ -42,13 +42,17 @@ from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_mo
 
 MEMORY = 60.0  # s, time constant of forgetting
 START_SHARE = 0.7  # time constant at the beginning, as a share of the elapsed time
-PRIOR_WEIGHT = 4.0  # s²: λ is this divided by the learnt time, the same as that time after 2 s
+PRIOR_WEIGHT = (
+    4.0  # s²: λ is this divided by the learnt time, the same as that time after 2 s
+)
 MIN_LEARNT = 0.04  # s, keeps λ finite before anything is learnt
 SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
 UNKNOWN = 1.0  # m² or rad², variance of a forecast whose errors are unknown
 MIN_STEP = 0.1  # 1/s, squared step divided by the noise density: smaller steps earn little trust
 LONGEST_STEP = 0.15  # s between estimates: over a longer time the motion is unknown
-ERROR, RIGHT, STEP = range(3)  # scores: squared error, step times the ideal step, squared step
+ERROR, RIGHT, STEP = range(
+    3
+)  # scores: squared error, step times the ideal step, squared step
 
 
 class Continuation:
@@ -84,8 +88,13 @@ class Continuation:
         self._scores[ERROR] = UNKNOWN
 
     def add(
-        self, stamp: float, interval: float, values: np.ndarray, level: np.ndarray,
-        seen: np.ndarray, forecasts: np.ndarray,
+        self,
+        stamp: float,
+        interval: float,
+        values: np.ndarray,
+        level: np.ndarray,
+        seen: np.ndarray,
+        forecasts: np.ndarray,
     ) -> None:
         """
         Keep a sample until its longest horizon has passed.
@@ -130,20 +139,27 @@ class Continuation:
         steps = stamps[after] - stamps[after - 1]
         share = (later - stamps[after - 1]) / steps
         reached = (1.0 - share) * values[:, after - 1] + share * values[:, after]
-        spread = ((1.0 - share) ** 2 + share ** 2) * noise[:, None, None]
+        spread = ((1.0 - share) ** 2 + share**2) * noise[:, None, None]
         _, intervals, _, level, features, forecasts = (
-            np.array(part) for part in zip(
-                *(self._samples.popleft() for _ in range(count)), strict=True))
+            np.array(part)
+            for part in zip(
+                *(self._samples.popleft() for _ in range(count)), strict=True
+            )
+        )
         intervals = np.minimum(intervals, LONGEST_STEP)
         self._elapsed += (duration := float(intervals.sum()))
         weights = intervals * (steps <= LONGEST_STEP).all(axis=1)
         # Score the forecasts by the positions that were reached.
         forecast, continued, step = forecasts.transpose(1, 2, 0, 3)[..., self._group]
-        scores = np.array((
-            (forecast - reached) ** 2 - spread, step * (reached - continued), step ** 2))
+        scores = np.array(
+            ((forecast - reached) ** 2 - spread, step * (reached - continued), step**2)
+        )
         known = max(weights.sum(), 1e-9)
-        self._scores += known / min(SCORE_TIME, self._elapsed) * (
-            np.einsum('c,kach->kah', weights / known, scores) - self._scores)
+        self._scores += (
+            known
+            / min(SCORE_TIME, self._elapsed)
+            * (np.einsum('c,kach->kah', weights / known, scores) - self._scores)
+        )
         # Estimates better than their variance do not compensate later errors.
         self._scores[ERROR] = np.maximum(self._scores[ERROR], -noise[:, None])
         # Forget a part of the moments, and add those of the samples.
@@ -154,7 +170,9 @@ class Continuation:
         self._moves = kept * self._moves + weighted @ (reached - level.T[..., None])
         self.learnt = kept * self.learnt + weights.sum()
 
-    def solve(self, strength: np.ndarray, density: np.ndarray, tones: np.ndarray) -> None:
+    def solve(
+        self, strength: np.ndarray, density: np.ndarray, tones: np.ndarray
+    ) -> None:
         """
         Update the weights, the trust and the variances.
 
@@ -173,11 +191,12 @@ class Continuation:
         a, r = ((prior * part)[:, None, None] for part in (strength, density))
         self.weights = np.linalg.solve(
             self._squares + a * sway.features + r * white.features,
-            self._moves + (a * sway.moves + r * white.moves)[..., self._group])
+            self._moves + (a * sway.moves + r * white.moves)[..., self._group],
+        )
         share = self._scores[RIGHT] / (self._scores[STEP] + MIN_STEP * density[:, None])
         self.trust = np.minimum(np.maximum(share, 0.0), 1.0)
         # Errors far below the noise cannot be measured: the propagated noise is the minimum.
         crossed = white.features @ self.weights - 2.0 * white.moves[:, self._group]
         continued = white.level_variance + (self.weights * crossed).sum(axis=1)
-        gain = (1.0 - self.trust) ** 2 * continued + self.trust ** 2 * tones[:, None]
+        gain = (1.0 - self.trust) ** 2 * continued + self.trust**2 * tones[:, None]
         self.variances = np.maximum(self._scores[ERROR], gain * density[:, None])

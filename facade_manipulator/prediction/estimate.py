@@ -18,7 +18,9 @@ from facade_manipulator.kinematics import compose, invert, Pose, ZERO_POSE
 from facade_manipulator.parameters import parameter, settings
 
 OLDEST_ESTIMATE = 0.3  # s: an older estimate is stale
-FUTURE_TOLERANCE = 0.01  # s, lead of the estimator's clock: synchronised clocks differ by less
+FUTURE_TOLERANCE = (
+    0.01  # s, lead of the estimator's clock: synchronised clocks differ by less
+)
 FASTEST = 1.0  # m/s or rad/s: a gondola is slower
 LARGEST_JUMP = 0.03  # m or rad, change between two estimates in addition to FASTEST
 MIN_NOISE = 1e-4  # m or rad, standard deviation: with less, a filter would ignore all other data
@@ -36,24 +38,49 @@ class EstimateSettings:
     """Noise, mounting and time of the estimates of the disturbance."""
 
     position_noise: float = parameter(
-        'Standard deviation in x and y if the message has none', default=1e-3, unit='m',
-        minimum=1e-5, maximum=1.0)
+        'Standard deviation in x and y if the message has none',
+        default=1e-3,
+        unit='m',
+        minimum=1e-5,
+        maximum=1.0,
+    )
     yaw_noise: float = parameter(
-        'Standard deviation in yaw if the message has none', default=1.75e-3, unit='rad',
-        minimum=1e-5, maximum=1.0)
+        'Standard deviation in yaw if the message has none',
+        default=1.75e-3,
+        unit='rad',
+        minimum=1e-5,
+        maximum=1.0,
+    )
     mounting: tuple[float, ...] = parameter(
-        'Mounting of the estimator on the rail: x, y, yaw', default=(0.0, 0.0, 0.0),
-        unit='m, m, rad', minimum=-20.0, maximum=20.0, elements=('x', 'y', 'yaw'))
+        'Mounting of the estimator on the rail: x, y, yaw',
+        default=(0.0, 0.0, 0.0),
+        unit='m, m, rad',
+        minimum=-20.0,
+        maximum=20.0,
+        elements=('x', 'y', 'yaw'),
+    )
     axes: float = parameter(
-        "Angle from the axes of facade to those of the estimator's x and y", default=0.0,
-        unit='rad', minimum=-math.pi, maximum=math.pi)
+        "Angle from the axes of facade to those of the estimator's x and y",
+        default=0.0,
+        unit='rad',
+        minimum=-math.pi,
+        maximum=math.pi,
+    )
     delay: float = parameter(
-        'Delay of the stamps of the estimator after the motion', default=0.0, unit='s',
-        minimum=-0.5, maximum=0.5)
+        'Delay of the stamps of the estimator after the motion',
+        default=0.0,
+        unit='s',
+        minimum=-0.5,
+        maximum=0.5,
+    )
     largest_deviation: tuple[float, ...] = parameter(
         'Maximum standard deviation of an estimate whose axis is known: x, y, theta',
-        default=(0.01, 0.01, 0.02), unit='m, m, rad', minimum=1e-4, maximum=1.0,
-        elements=('x', 'y', 'theta'))
+        default=(0.01, 0.01, 0.02),
+        unit='m, m, rad',
+        minimum=1e-4,
+        maximum=1.0,
+        elements=('x', 'y', 'theta'),
+    )
 
 
 ALL_KNOWN: tuple[bool, ...] = (True, True, True)
@@ -65,7 +92,9 @@ class Estimate(NamedTuple):
     stamp: float
     pose: Pose
     variances: tuple[float, ...]  #: [m², m², rad²]
-    known: tuple[bool, ...] = ALL_KNOWN  #: known axes; others have their last known value
+    known: tuple[bool, ...] = (
+        ALL_KNOWN  #: known axes; others have their last known value
+    )
 
 
 NO_ESTIMATE = Estimate(-math.inf, ZERO_POSE, ())  # after it any change is possible
@@ -78,15 +107,23 @@ class EstimateGate:
         self.settings = settings
         self._last = NO_ESTIMATE  # as published
         self._known = ZERO_POSE  # last known pose of the rail along each axis
-        self._noise = settings.position_noise, settings.position_noise, settings.yaw_noise
+        self._noise = (
+            settings.position_noise,
+            settings.position_noise,
+            settings.yaw_noise,
+        )
         self._mounting = x, y, _ = Pose(*settings.mounting)
         sine, cosine = math.sin(settings.axes) ** 2, math.cos(settings.axes) ** 2
         # squared derivatives of the rail's x, y, theta by the published ones
         self._squares = (cosine, sine, y * y), (sine, cosine, x * x), (0.0, 0.0, 1.0)
 
     def check(
-        self, now: float, stamp: float, pose: Pose,
-        variances: Sequence[float] = (0.0, 0.0, 0.0), tilt: float = 0.0,
+        self,
+        now: float,
+        stamp: float,
+        pose: Pose,
+        variances: Sequence[float] = (0.0, 0.0, 0.0),
+        tilt: float = 0.0,
     ) -> Estimate:
         """
         Return the estimate of the rail.
@@ -114,26 +151,41 @@ class EstimateGate:
 
         """
         stamp -= self.settings.delay
-        known = tuple(not largest ** 2 < variance for largest, variance in zip(
-            self.settings.largest_deviation, variances, strict=True))
-        for (name, unit, largest), value, is_known in zip(AXES, pose, known, strict=True):
+        known = tuple(
+            not largest**2 < variance
+            for largest, variance in zip(
+                self.settings.largest_deviation, variances, strict=True
+            )
+        )
+        for (name, unit, largest), value, is_known in zip(
+            AXES, pose, known, strict=True
+        ):
             if not math.isfinite(value):
                 raise InputError.not_finite(f'disturbance {name}', value)
             if is_known and abs(value) > largest:
                 raise InputError(
-                    'range', f'disturbance {name} = {value:.4g} {unit} is beyond ±{largest:g} '
-                    f'{unit}; next: check its unit and origin')
+                    'range',
+                    f'disturbance {name} = {value:.4g} {unit} is beyond ±{largest:g} '
+                    f'{unit}; next: check its unit and origin',
+                )
         if tilt > LARGEST_TILT:
             raise InputError(
-                'out_of_plane', f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
-                f'{LARGEST_TILT:g} rad; next: check the estimator')
+                'out_of_plane',
+                f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
+                f'{LARGEST_TILT:g} rad; next: check the estimator',
+            )
         require_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
         if self._last.stamp - now > FUTURE_TOLERANCE:
-            self._last = NO_ESTIMATE  # the clock was set back: its stamps are meaningless
+            self._last = (
+                NO_ESTIMATE  # the clock was set back: its stamps are meaningless
+            )
         self._check_step(stamp, pose, known)
-        spread = tuple([
-            max(variance, MIN_NOISE ** 2) if 0.0 < variance < math.inf else noise ** 2
-            for variance, noise in zip(variances, self._noise, strict=True)])
+        spread = tuple(
+            [
+                max(variance, MIN_NOISE**2) if 0.0 < variance < math.inf else noise**2
+                for variance, noise in zip(variances, self._noise, strict=True)
+            ]
+        )
         if stamp > self._last.stamp:
             self._last = Estimate(stamp, pose, spread, known)
         return self._of_rail(stamp, pose, spread, known)
@@ -145,28 +197,61 @@ class EstimateGate:
             raise InputError.out_of_order('disturbance', -elapsed)
         allowed = LARGEST_JUMP + FASTEST * abs(elapsed)
         for (name, unit, _), before, value, was_known, is_known in zip(
-                AXES, last.pose, pose, last.known, known, strict=True):
+            AXES, last.pose, pose, last.known, known, strict=True
+        ):
             change = abs(value - before)
             if was_known and is_known and change > allowed:
                 raise InputError(
-                    'jump', f'disturbance {name} jumps by {change:.4g} {unit} in {elapsed:.3f} s, '
-                    f'bound {allowed:.4g} {unit}; next: check the estimator')
+                    'jump',
+                    f'disturbance {name} jumps by {change:.4g} {unit} in {elapsed:.3f} s, '
+                    f'bound {allowed:.4g} {unit}; next: check the estimator',
+                )
 
     def _of_rail(
-        self, stamp: float, pose: Pose, variances: Sequence[float], known: tuple[bool, ...]
+        self,
+        stamp: float,
+        pose: Pose,
+        variances: Sequence[float],
+        known: tuple[bool, ...],
     ) -> Estimate:
         """Return the estimate of the rail, at rest along unknown axes."""
         x, y, _ = compose(self._mounting._replace(theta=self.settings.axes), pose)
         place = compose(Pose(x, y, pose.theta), invert(self._mounting))
         spread = [sum(map(mul, row, variances)) for row in self._squares]
-        found = known if all(known) else tuple([
-            all([is_known or not square for square, is_known in zip(row, known, strict=True)])
-            for row in self._squares])
-        self._known = Pose(*[new if is_known else last for new, last, is_known in zip(
-            place, self._known, found, strict=True)])
-        return Estimate(stamp, self._known, tuple([
-            variance if is_known else noise ** 2
-            for variance, noise, is_known in zip(spread, self._noise, found, strict=True)]), found)
+        found = (
+            known
+            if all(known)
+            else tuple(
+                [
+                    all(
+                        [
+                            is_known or not square
+                            for square, is_known in zip(row, known, strict=True)
+                        ]
+                    )
+                    for row in self._squares
+                ]
+            )
+        )
+        self._known = Pose(
+            *[
+                new if is_known else last
+                for new, last, is_known in zip(place, self._known, found, strict=True)
+            ]
+        )
+        return Estimate(
+            stamp,
+            self._known,
+            tuple(
+                [
+                    variance if is_known else noise**2
+                    for variance, noise, is_known in zip(
+                        spread, self._noise, found, strict=True
+                    )
+                ]
+            ),
+            found,
+        )
 
     def displacement(self, place: Pose) -> Pose:
         """Return the displacement of an estimator from its place, along its axes [m, m, rad]."""

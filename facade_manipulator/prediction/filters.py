@@ -29,14 +29,24 @@ LEVEL = 2  # index of the filter to whose position the features are relative
 FEATURES = 3 * len(BANDWIDTHS) - 1
 ACCELERATION = 3 * LEVEL + 1  # index of the level filter's a/ω² in the features
 
-_POLES = np.array((-1.0, np.exp(2j * np.pi / 3.0)))  # the third is the conjugate of the second
+_POLES = np.array(
+    (-1.0, np.exp(2j * np.pi / 3.0))
+)  # the third is the conjugate of the second
 # residues of position, velocity and acceleration
 _NUMERATORS = np.array(((2.0, 2.0, 1.0), (2.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
 _DENOMINATOR = np.array((1.0, 2.0, 2.0, 1.0))  # Butterworth's third order
-_RESIDUES = np.array([
-    [np.polyval(row, pole) / np.polyval(np.polyder(_DENOMINATOR), pole) for row in _NUMERATORS]
-    for pole in _POLES])
-_STATES = _RESIDUES * np.array((1.0, 2.0))[:, None] / -_POLES[:, None]  # by mode, real part
+_RESIDUES = np.array(
+    [
+        [
+            np.polyval(row, pole) / np.polyval(np.polyder(_DENOMINATOR), pole)
+            for row in _NUMERATORS
+        ]
+        for pole in _POLES
+    ]
+)
+_STATES = (
+    _RESIDUES * np.array((1.0, 2.0))[:, None] / -_POLES[:, None]
+)  # by mode, real part
 _RATES = BANDWIDTHS[:, None] * _POLES
 
 
@@ -95,9 +105,13 @@ class FilterBank:
     def update(self, interval: float, values: np.ndarray) -> None:
         """Update with positions, shape (axes,) [m or rad], that hold for an interval [s]."""
         decay = np.exp(interval * _RATES)
-        self.modes = values[:, None, None] + decay * (self.modes - values[:, None, None])
+        self.modes = values[:, None, None] + decay * (
+            self.modes - values[:, None, None]
+        )
 
-    def features(self, without: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    def features(
+        self, without: np.ndarray | float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
         """
         Return the features, shape (axes, FEATURES), and the level, shape (axes,) [m or rad].
 

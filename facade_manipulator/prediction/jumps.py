@@ -36,9 +36,13 @@ import numpy as np
 DOUBT = 2.0  # standard deviations: estimates with a larger error are doubted
 JUMP = 9.0  # squared errors explained by a jump, above which the end of the jump is awaited
 ODDS = 6.5  # twice the logarithm of the likelihood ratio above which estimates count as wrong
-DECISION_TIME = 0.25  # s of doubt, after which the detector decides between motion and step
+DECISION_TIME = (
+    0.25  # s of doubt, after which the detector decides between motion and step
+)
 MOVING_TIME = 2.0  # s after such a motion in which a push may have any strength
-PUSH_TIMES = np.array((1.0, 2.0, 4.0))[:, None]  # t₀ of a push, as multiples of its minimum
+PUSH_TIMES = np.array((1.0, 2.0, 4.0))[
+    :, None
+]  # t₀ of a push, as multiples of its minimum
 
 
 class JumpDecision(enum.Enum):
@@ -71,7 +75,9 @@ class JumpDetector:
         self._acceleration = acceleration
         self._since = math.inf  # begin of the doubt [s]
         self._moved = -math.inf  # last decision for a motion [s]
-        self._past: deque[tuple[float, float, float]] = deque()  # stamp, error, deviation
+        self._past: deque[tuple[float, float, float]] = (
+            deque()
+        )  # stamp, error, deviation
         self.is_doubted = self.is_wrong = False
 
     def evaluate(
@@ -102,13 +108,16 @@ class JumpDetector:
         is_late = stamp - self._since >= DECISION_TIME
         is_small = jump < JUMP or abs(error) < 0.5 * DOUBT * deviation
         decisions = {
-            JumpDecision.WRONG: not is_far and (self.is_wrong or not (is_late or is_followed)),
+            JumpDecision.WRONG: not is_far
+            and (self.is_wrong or not (is_late or is_followed)),
             JumpDecision.NOISE: not (is_late or is_far) and is_small,
             JumpDecision.STEP: is_late and self.is_wrong and odds > 0.0,
             JumpDecision.MOTION: is_late and not self.is_wrong and is_followed,
         }
-        decision = next((one for one, applies in decisions.items() if applies),
-                        JumpDecision.UNDECIDED)
+        decision = next(
+            (one for one, applies in decisions.items() if applies),
+            JumpDecision.UNDECIDED,
+        )
         if is_late and decision is not JumpDecision.STEP:
             self._moved = stamp
         self.is_doubted = decision is JumpDecision.UNDECIDED
@@ -127,12 +136,15 @@ class JumpDetector:
         errors have the opposite sign.
         """
         stamps, errors, deviations = np.array(self._past).T
-        weights, since = deviations ** -2, self._since
+        weights, since = deviations**-2, self._since
         begin = stamps.searchsorted(since)
         t0 = math.sqrt(4.0 * deviations[begin] / self._acceleration)
-        q = 2.0 * deviations[begin] * np.maximum(
-            1.0 + (stamps - since) / (t0 * PUSH_TIMES), 0.0) ** 2
-        along, squares = q @ (weights * errors), q ** 2 @ weights + 1.0
+        q = (
+            2.0
+            * deviations[begin]
+            * np.maximum(1.0 + (stamps - since) / (t0 * PUSH_TIMES), 0.0) ** 2
+        )
+        along, squares = q @ (weights * errors), q**2 @ weights + 1.0
         share = along / squares
         if since + DECISION_TIME > stamps[-1] > self._moved + MOVING_TIME:
             share = np.minimum(np.maximum(share, -1.0), 1.0)

@@ -27,8 +27,18 @@ import numpy as np
 
 from facade_manipulator.kinematics import MotionState, Pose, Twist
 from facade_manipulator.prediction.continuation import Continuation, UNKNOWN
-from facade_manipulator.prediction.filters import ACCELERATION, BANDWIDTHS, FilterBank, LEVEL
-from facade_manipulator.prediction.jumps import DECISION_TIME, DOUBT, JumpDecision, JumpDetector
+from facade_manipulator.prediction.filters import (
+    ACCELERATION,
+    BANDWIDTHS,
+    FilterBank,
+    LEVEL,
+)
+from facade_manipulator.prediction.jumps import (
+    DECISION_TIME,
+    DOUBT,
+    JumpDecision,
+    JumpDetector,
+)
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
 from facade_manipulator.prediction.tones import Tones
 
@@ -37,34 +47,54 @@ MOVES = 2.0 * HORIZONS  # m or rad, bound of the moves: a speed of 2 m/s or rad/
 LONGEST_GAP = 1.1  # s without estimates, after which learning starts again
 LEARNING_PERIOD = 0.14  # s
 FIRST_INTERVAL = 0.02  # s, assumed mean interval until there are two estimates
-MAX_ACCELERATION = np.array((1.0, 0.7, 1.4))  # m/s², m/s², rad/s²: more is compensated in part
-MEAN_TIME = 5.0  # s, time constant of the mean position, towards which it is then reduced
-BEND_TIME = 0.5  # s, time constant with which the largest forecast acceleration is forgotten
-PEAK_TIME = 20.0  # s, time constant with which the largest estimated acceleration is forgotten
-PEAK_SHARE = 0.1  # variance of the acceleration in the prior divided by the squared peak
+MAX_ACCELERATION = np.array(
+    (1.0, 0.7, 1.4)
+)  # m/s², m/s², rad/s²: more is compensated in part
+MEAN_TIME = (
+    5.0  # s, time constant of the mean position, towards which it is then reduced
+)
+BEND_TIME = (
+    0.5  # s, time constant with which the largest forecast acceleration is forgotten
+)
+PEAK_TIME = (
+    20.0  # s, time constant with which the largest estimated acceleration is forgotten
+)
+PEAK_SHARE = (
+    0.1  # variance of the acceleration in the prior divided by the squared peak
+)
 NOISE_PEAK = 9.0  # squared acceleration divided by the variance of its noise: less is not a motion
 GROWTH = 2.0  # of the squared acceleration, above which earlier learning weighs less
 LARGEST_STEP = 3.0  # standard deviations, towards trusted tones; 1 towards others
 HOLD_TIME = 0.2  # s, time constant of the velocity beyond the last horizon
-NEAR, FAR = slice(0, 4), slice(4, None)  # groups of horizons: the near ones are learnt more often
-ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
-    ACCELERATION, ACCELERATION]  # variance of the level filter's acceleration / noise density
+NEAR, FAR = (
+    slice(0, 4),
+    slice(4, None),
+)  # groups of horizons: the near ones are learnt more often
+ACCELERATION_NOISE = (
+    BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[ACCELERATION, ACCELERATION]
+)  # variance of the level filter's acceleration / noise density
 
 _LAST = float(HORIZONS[-1])  # s
 _KNOTS = HORIZONS[2:-2].tolist()  # s, of the spline
 # The spline is "not-a-knot": a cubic, and a multiple of (t − knot)³ after each knot. Here are the
 # coefficients of 1, t, t², t³ in each of these terms.
-_TERMS = np.vstack((np.eye(4), [(-knot ** 3, 3.0 * knot ** 2, -3.0 * knot, 1.0)
-                                for knot in _KNOTS]))
+_TERMS = np.vstack(
+    (np.eye(4), [(-(knot**3), 3.0 * knot**2, -3.0 * knot, 1.0) for knot in _KNOTS])
+)
 _STARTS = np.array((*4 * [-math.inf], *_KNOTS))  # s, from which the terms apply
 _VALUES = HORIZONS[:, None] ** np.arange(4.0) @ _TERMS.T * (HORIZONS[:, None] > _STARTS)
 # from positions at the horizons to coefficients of 1, t, t², t³ between the knots
-_SPLINE = np.hstack([
-    np.linalg.inv(_VALUES).T @ (_TERMS * (_STARTS <= start)[:, None])
-    for start in (-math.inf, *_KNOTS)])
+_SPLINE = np.hstack(
+    [
+        np.linalg.inv(_VALUES).T @ (_TERMS * (_STARTS <= start)[:, None])
+        for start in (-math.inf, *_KNOTS)
+    ]
+)
 _PIECES = (-1, len(_KNOTS) + 1, 4)  # shape: axes, pieces, coefficients
 Pieces = list[list[float]]  # coefficients of the spline of an axis
-_BEND = np.array((1.0, -2.0, 1.0)) / HORIZONS[0] ** 2  # from the first positions: acceleration
+_BEND = (
+    np.array((1.0, -2.0, 1.0)) / HORIZONS[0] ** 2
+)  # from the first positions: acceleration
 
 
 class DisturbancePredictor:
@@ -101,7 +131,8 @@ class DisturbancePredictor:
         interval = stamp - self.stamp
         if 0.0 < interval <= LONGEST_GAP:
             self._interval += min(interval / (stamp - self.since), 1.0) * (
-                interval - self._interval)
+                interval - self._interval
+            )
             has_stepped = self._follow(stamp, interval, measured, noise)
         else:
             interval = self._interval = FIRST_INTERVAL
@@ -124,30 +155,43 @@ class DisturbancePredictor:
         motions = [_motion(pieces, t) for pieces in self._splines]
         return MotionState(
             Pose(*[position + held * velocity for position, velocity in motions]),
-            Twist(*[decay * velocity for _, velocity in motions]))
+            Twist(*[decay * velocity for _, velocity in motions]),
+        )
 
     def deviations(self, time: float) -> tuple[float, ...]:
         """Return the standard deviations of the prediction errors at a time [s], [m, m, rad]."""
         ahead = time - self.stamp
-        return tuple([
-            math.sqrt(np.interp(ahead, HORIZONS, variances)) for variances in self._variances])
+        return tuple(
+            [
+                math.sqrt(np.interp(ahead, HORIZONS, variances))
+                for variances in self._variances
+            ]
+        )
 
     def _start(self, stamp: float, measured: np.ndarray, noise: np.ndarray) -> None:
         """Start at rest at the measured position, the origin of all stored positions [m, rad]."""
         axes = len(measured)
         self.since, self._next_learning = stamp, stamp + LEARNING_PERIOD
         self._origin = measured
-        self._spread = np.zeros(axes)  # m² or rad², variance of the estimates in the tests
+        self._spread = np.zeros(
+            axes
+        )  # m² or rad², variance of the estimates in the tests
         # The filters are linear: the effect of doubted estimates is stored separately.
         self._bank, self._doubted = FilterBank(axes), FilterBank(axes)
         self._jumps = [JumpDetector(push) for push in STRONGEST_PUSH]
         self._is_wrong = np.zeros(axes, bool)
-        near, far = self._continuations = [Continuation(axes, group) for group in (NEAR, FAR)]
-        self._turns = zip(cycle((near, near, near, far)), cycle(range(axes)), strict=False)
+        near, far = self._continuations = [
+            Continuation(axes, group) for group in (NEAR, FAR)
+        ]
+        self._turns = zip(
+            cycle((near, near, near, far)), cycle(range(axes)), strict=False
+        )
         self._tones = Tones(axes)
         # Values and errors that are not in the filters.
         self._left_out: list[tuple[np.ndarray, np.ndarray]] = []
-        self._undecided: deque[tuple[float, np.ndarray]] = deque()  # values not in the tones yet
+        self._undecided: deque[tuple[float, np.ndarray]] = (
+            deque()
+        )  # values not in the tones yet
         self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
         # Splines of the newest forecast; stamps and splines of the last trusted forecasts.
         self._newest: list[Pieces] = []
@@ -165,27 +209,38 @@ class DisturbancePredictor:
         """
         expected = self._expected(stamp)
         error = measured - self._origin - expected
-        has_stepped = self._decide(stamp, interval, measured - self._origin, error, noise)
+        has_stepped = self._decide(
+            stamp, interval, measured - self._origin, error, noise
+        )
         is_doubted = [jump.is_doubted for jump in self._jumps]
         self._is_wrong = np.array([jump.is_wrong for jump in self._jumps])
         steps = max(round(interval / self._interval), 1)
         for share in [step / steps for step in range(1, steps + 1)]:
-            between = expected if share == 1.0 else self._expected(
-                stamp - (1.0 - share) * interval)
-            self._bank.update(interval / steps, between + share ** 2 * error)
+            between = (
+                expected
+                if share == 1.0
+                else self._expected(stamp - (1.0 - share) * interval)
+            )
+            self._bank.update(interval / steps, between + share**2 * error)
             if any(is_doubted):
-                self._doubted.update(interval / steps, share ** 2 * error * is_doubted)
+                self._doubted.update(interval / steps, share**2 * error * is_doubted)
         # The position to learn is the estimate, or the prediction if the estimate is wrong.
         left_out = error * self._is_wrong
         self._values = expected + error - left_out
-        self._left_out = [*self._left_out, (self._values, left_out)] if any(is_doubted) else []
+        self._left_out = (
+            [*self._left_out, (self._values, left_out)] if any(is_doubted) else []
+        )
         self._undecided.append((stamp, self._values))  # the values may still change
         while self._undecided[0][0] < stamp - DECISION_TIME:
             self._tones.add(*self._undecided.popleft())
         return has_stepped
 
     def _decide(
-        self, stamp: float, interval: float, values: np.ndarray, error: np.ndarray,
+        self,
+        stamp: float,
+        interval: float,
+        values: np.ndarray,
+        error: np.ndarray,
         noise: np.ndarray,
     ) -> bool:
         """
@@ -195,13 +250,26 @@ class DisturbancePredictor:
         set the error to 0. A large variance of earlier estimates fades: the prediction of an axis
         that was unknown is still poor, so that a large error is not a jump.
         """
-        self._spread = np.maximum(noise, math.exp(-self._interval / DECISION_TIME) * self._spread)
+        self._spread = np.maximum(
+            noise, math.exp(-self._interval / DECISION_TIME) * self._spread
+        )
         has_stepped = False
-        for axis, (jump, value, excess, spread) in enumerate(zip(
-                self._jumps, values.tolist(), error.tolist(), self._spread.tolist(), strict=True)):
-            deviation = math.sqrt(self._variance(axis, stamp - self._trusted[axis][0]) + spread)
+        for axis, (jump, value, excess, spread) in enumerate(
+            zip(
+                self._jumps,
+                values.tolist(),
+                error.tolist(),
+                self._spread.tolist(),
+                strict=True,
+            )
+        ):
+            deviation = math.sqrt(
+                self._variance(axis, stamp - self._trusted[axis][0]) + spread
+            )
             is_followed = False
-            if jump.is_doubted:  # otherwise the newest forecast is also the last trusted one
+            if (
+                jump.is_doubted
+            ):  # otherwise the newest forecast is also the last trusted one
                 newest_deviation = math.sqrt(self._variance(axis, interval) + spread)
                 newest, _ = _motion(self._newest[axis], min(interval, _LAST))
                 is_followed = abs(value - newest) < DOUBT * newest_deviation
@@ -234,35 +302,49 @@ class DisturbancePredictor:
 
         The error of predictions from predicted values would grow with every step.
         """
-        return np.array([_motion(pieces, min(time - stamp, _LAST))[0]
-                         for stamp, pieces in self._trusted])
+        return np.array(
+            [
+                _motion(pieces, min(time - stamp, _LAST))[0]
+                for stamp, pieces in self._trusted
+            ]
+        )
 
     def _forecast(self, interval: float, noise: np.ndarray) -> None:
         """Learn if it is due, forecast the positions, and store the sample for later learning."""
-        seen, level = self._bank.features(self._is_wrong[:, None, None] * self._doubted.modes)
+        seen, level = self._bank.features(
+            self._is_wrong[:, None, None] * self._doubted.modes
+        )
         floor = noise * (self._interval * ACCELERATION_NOISE)
         self._peak = np.maximum(
             math.exp(-interval / PEAK_TIME) * self._peak,
-            BANDWIDTHS[LEVEL] ** 4 * seen[:, ACCELERATION] ** 2 - NOISE_PEAK * floor)
+            BANDWIDTHS[LEVEL] ** 4 * seen[:, ACCELERATION] ** 2 - NOISE_PEAK * floor,
+        )
         if self.stamp > self._next_learning - 1e-6:  # s, rounding
             self._learn(noise, floor + self._peak)
         # Step from the continuation towards the tones; both steps are bounded. (np.clip would take
         # twice as long as minimum and maximum.)
-        moves = np.minimum(np.maximum((seen[:, None] @ self._weights)[:, 0], -MOVES), MOVES)
+        moves = np.minimum(
+            np.maximum((seen[:, None] @ self._weights)[:, 0], -MOVES), MOVES
+        )
         continued = level[:, None] + moves
         bound = np.sqrt(noise)[:, None] * (1.0 + (LARGEST_STEP - 1.0) * self._trust)
-        step = np.minimum(np.maximum(
-            self._tones.at(self.stamp, HORIZONS) - continued, -bound), bound)
+        step = np.minimum(
+            np.maximum(self._tones.at(self.stamp, HORIZONS) - continued, -bound), bound
+        )
         forecast = continued + self._trust * step
         self._newest = (forecast @ _SPLINE).reshape(_PIECES).tolist()
         self._trusted = [
             self._trusted[axis] if jump.is_doubted else (self.stamp, self._newest[axis])
-            for axis, jump in enumerate(self._jumps)]
-        self._mean += (1.0 - math.exp(-interval / MEAN_TIME)) * (self._values - self._mean)
+            for axis, jump in enumerate(self._jumps)
+        ]
+        self._mean += (1.0 - math.exp(-interval / MEAN_TIME)) * (
+            self._values - self._mean
+        )
         mean = self._mean[:, None]
         # The prediction follows only the share of the motion within the maximum acceleration.
         self._bend = np.maximum(
-            math.exp(-interval / BEND_TIME) * self._bend, abs(forecast[:, :3] @ _BEND))
+            math.exp(-interval / BEND_TIME) * self._bend, abs(forecast[:, :3] @ _BEND)
+        )
         share = MAX_ACCELERATION / np.maximum(self._bend, MAX_ACCELERATION)
         final = mean + share[:, None] * (forecast - mean)
         splines = (final @ _SPLINE).reshape(_PIECES)
@@ -291,10 +373,13 @@ class DisturbancePredictor:
     def _solve(self, continuations: Iterable[Continuation], noise: np.ndarray) -> None:
         """Solve groups of horizons and join the results of all groups."""
         for one in continuations:
-            one.solve(PEAK_SHARE * self._peak, noise * self._interval, self._tones.noise_gain)
+            one.solve(
+                PEAK_SHARE * self._peak, noise * self._interval, self._tones.noise_gain
+            )
         self._weights, variances, self._trust = (
             np.concatenate([getattr(one, part) for one in self._continuations], axis=-1)
-            for part in ('weights', 'variances', 'trust'))
+            for part in ('weights', 'variances', 'trust')
+        )
         self._variances: list[list[float]] = variances.tolist()
 
 

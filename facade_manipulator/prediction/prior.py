@@ -16,7 +16,9 @@ import numpy as np
 
 from facade_manipulator.prediction.filters import features, response
 
-HORIZONS = np.array((0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6))  # s, after the newest estimate
+HORIZONS = np.array(
+    (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6)
+)  # s, after the newest estimate
 SWAY_BAND = (0.05, 0.8)  # Hz: from 100 m of cable to a stiff guide
 SWAY_SLOPE = -4.0  # of the position's spectral density
 NOISE_BAND = (0.0025, 25.0)  # Hz: the passband of the filters
@@ -47,7 +49,7 @@ class Moments(NamedTuple):
 def sway_moments() -> Moments:
     """Return the moments of sways whose acceleration has the variance 1 m²/s⁴."""
     frequencies = np.geomspace(*SWAY_BAND, POINTS)
-    power = frequencies ** SWAY_SLOPE * np.gradient(frequencies)
+    power = frequencies**SWAY_SLOPE * np.gradient(frequencies)
     power /= power @ (2.0 * np.pi * frequencies) ** 4
     later = np.exp(2j * np.pi * np.outer(frequencies, HORIZONS))
     return _moments(response(frequencies), power, later)
@@ -66,5 +68,7 @@ def _moments(states: np.ndarray, power: np.ndarray, later: np.ndarray) -> Moment
     tones, level = features(states)
     weighted = power[:, None] * tones.conj()
     return Moments(
-        (weighted.T @ tones).real, (weighted.T @ (later - level[:, None])).real,
-        float(power @ np.abs(level) ** 2))
+        (weighted.T @ tones).real,
+        (weighted.T @ (later - level[:, None])).real,
+        float(power @ np.abs(level) ** 2),
+    )

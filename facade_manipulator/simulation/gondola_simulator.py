@@ -15,7 +15,13 @@ from sensor_msgs.msg import JointState, Range
 
 from facade_manipulator import topics
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Carriages, compose, difference, Geometry, Mechanism
+from facade_manipulator.kinematics import (
+    Carriages,
+    compose,
+    difference,
+    Geometry,
+    Mechanism,
+)
 from facade_manipulator.nodes import conversions, messages
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.parameters import declare
@@ -28,12 +34,24 @@ from facade_manipulator.simulation.world.world import World
 DELIVERY_PERIOD = 0.005  # s, between two deliveries of measurements
 SILENCE = 0.1  # s without joint_states, after which the carriages stop
 LONGEST_ADVANCE = 0.2  # s of the world in one callback: 20 ms of computing
-CARRIAGE_SPEED = 1.0  # m/s, speed of the world's carriages towards the positions of the drives
-VIEWER_PERIOD, VIEWER_TIMEOUT = 0.04, 2.0  # s, period of the pictures, and timeout of closing
-POSES = topics.HEAD_POSE, topics.RAIL_POSE, topics.WALL_ERROR, topics.UNCOMPENSATED_ERROR
+CARRIAGE_SPEED = (
+    1.0  # m/s, speed of the world's carriages towards the positions of the drives
+)
+VIEWER_PERIOD, VIEWER_TIMEOUT = (
+    0.04,
+    2.0,
+)  # s, period of the pictures, and timeout of closing
+POSES = (
+    topics.HEAD_POSE,
+    topics.RAIL_POSE,
+    topics.WALL_ERROR,
+    topics.UNCOMPENSATED_ERROR,
+)
 RAW_SENSORS = topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X
 FORCES = topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES
-NO_ORIENTATION = np.array((-1.0, *[0.0] * 8))  # covariance of a message without orientation
+NO_ORIENTATION = np.array(
+    (-1.0, *[0.0] * 8)
+)  # covariance of a message without orientation
 
 
 @settings
@@ -41,7 +59,8 @@ class SimulatorSettings:
     """Choice of the simulated world; the file of the scenario contains all values."""
 
     scenario: str = parameter(
-        'Name of a scenario in config/scenarios, or path of a file', default='breeze')
+        'Name of a scenario in config/scenarios, or path of a file', default='breeze'
+    )
     viewer: bool = parameter("Whether MuJoCo's viewer shows the world", default=False)
 
 
@@ -50,18 +69,29 @@ class GondolaSimulatorNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('gondola_simulator', **kwargs)
-        geometry, own = declare(self, Geometry, 'geometry'), declare(self, SimulatorSettings)
+        geometry, own = (
+            declare(self, Geometry, 'geometry'),
+            declare(self, SimulatorSettings),
+        )
         scenario, self._mechanism = load_scenario(own.scenario), Mechanism(geometry)
         self._world = World(scenario, geometry, conversions.ros_time())
         self._frames = messages.Frames.of(self.get_namespace())
         self.diagnostics = Diagnostics(
-            self, lambda: [diagnostic_status('world', 'ok', 'simulating', {})])
-        self._outputs = {topic.name: self.create_publisher(*topic) for topic in (
-            *POSES, *(RAW_SENSORS if scenario.raw_sensors else [topics.DISTURBANCE]),
-            *(FORCES if scenario.wall.is_touched else []))}
+            self, lambda: [diagnostic_status('world', 'ok', 'simulating', {})]
+        )
+        self._outputs = {
+            topic.name: self.create_publisher(*topic)
+            for topic in (
+                *POSES,
+                *(RAW_SENSORS if scenario.raw_sensors else [topics.DISTURBANCE]),
+                *(FORCES if scenario.wall.is_touched else []),
+            )
+        }
         #: true poses by topic; those of the errors begin with the first goal
-        self._poses = {topics.HEAD_POSE.name: lambda: self._world.head,
-                       topics.RAIL_POSE.name: lambda: self._world.rail}
+        self._poses = {
+            topics.HEAD_POSE.name: lambda: self._world.head,
+            topics.RAIL_POSE.name: lambda: self._world.rail,
+        }
         watch = PublisherWatch(self, self.diagnostics)
         watch.subscribe(topics.GOAL_POSE, self._receive_goal)
         watch.subscribe(topics.JOINT_STATES, self._receive_joint_states)
@@ -78,10 +108,15 @@ class GondolaSimulatorNode(Node):
                 if thread.name.endswith('(_launch_internal)'):  # of mujoco.viewer
                     thread.join(VIEWER_TIMEOUT)
 
-    def _publish(self, topic: str, time: float, frame_id: str = '', /, **fields: Any) -> None:
+    def _publish(
+        self, topic: str, time: float, frame_id: str = '', /, **fields: Any
+    ) -> None:
         output: Any = self._outputs[topic]
         message = output.msg_type(**fields)
-        message.header.frame_id, message.header.stamp = frame_id, conversions.stamp(time)
+        message.header.frame_id, message.header.stamp = (
+            frame_id,
+            conversions.stamp(time),
+        )
         output.publish(message)
 
     def _deliver(self) -> None:
@@ -94,7 +129,9 @@ class GondolaSimulatorNode(Node):
         for stamp, pose, variances, *_ in self._world.estimator.receive(now):
             estimate = PoseWithCovariance(pose=conversions.pose_message(pose))
             estimate.covariance[[*messages.VARIANCES]] = variances
-            self._publish(topics.DISTURBANCE.name, stamp, self._frames.facade, pose=estimate)
+            self._publish(
+                topics.DISTURBANCE.name, stamp, self._frames.facade, pose=estimate
+            )
 
     def _receive_goal(self, message: PoseStamped) -> None:
         goal = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
@@ -102,25 +139,44 @@ class GondolaSimulatorNode(Node):
         world = self._world
         self._poses |= {
             topics.WALL_ERROR.name: lambda: difference(world.head, goal),
-            topics.UNCOMPENSATED_ERROR.name: lambda: difference(compose(world.rail, goal), goal)}
+            topics.UNCOMPENSATED_ERROR.name: lambda: difference(
+                compose(world.rail, goal), goal
+            ),
+        }
 
     def _receive_joint_states(self, joints: JointState) -> None:
         world = self._world
-        carriages = Carriages(*messages.carriages_from(
-            joints.name, joints.position, 'joint_states position'))
+        carriages = Carriages(
+            *messages.carriages_from(
+                joints.name, joints.position, 'joint_states position'
+            )
+        )
         self._mechanism.forward_kinematics(carriages)  # rejects impossible positions
         self._advance(messages.seconds(joints.header.stamp), carriages)
         for name, pose in self._poses.items():
             if self._outputs[name].get_subscription_count():
-                self._publish(name, world.time, self._frames.facade,
-                              pose=conversions.pose_message(pose()))
+                self._publish(
+                    name,
+                    world.time,
+                    self._frames.facade,
+                    pose=conversions.pose_message(pose()),
+                )
         if world.scenario.wall.is_touched:
             fx, fy, moment = world.measure_wrench()
             self._publish(
-                topics.CONTACT_WRENCH.name, world.time, self._frames.end_effector,
-                wrench=WrenchMessage(force=Vector3(x=fx, y=fy), torque=Vector3(z=moment)))
-            self._publish(topics.CARRIAGE_FORCES.name, world.time, name=messages.CARRIAGES,
-                          effort=-world.data.actuator_force)  # for the drives
+                topics.CONTACT_WRENCH.name,
+                world.time,
+                self._frames.end_effector,
+                wrench=WrenchMessage(
+                    force=Vector3(x=fx, y=fy), torque=Vector3(z=moment)
+                ),
+            )
+            self._publish(
+                topics.CARRIAGE_FORCES.name,
+                world.time,
+                name=messages.CARRIAGES,
+                effort=-world.data.actuator_force,
+            )  # for the drives
 
     def _advance(self, until: float, carriages: Carriages) -> None:
         """Advance the world towards a time [s], with its carriages towards positions [m]."""
@@ -135,11 +191,13 @@ def open_viewer(world: World) -> Any:
     if not os.environ.get('DISPLAY') and not os.environ.get('WAYLAND_DISPLAY'):
         raise ParameterError(
             'viewer rejected: this computer has no display (DISPLAY and WAYLAND_DISPLAY are not '
-            'set); next: run it without the viewer, or on a desktop')
+            'set); next: run it without the viewer, or on a desktop'
+        )
     from mujoco import viewer
 
     return viewer.launch_passive(
-        world.model, world.data, show_left_ui=False, show_right_ui=False)
+        world.model, world.data, show_left_ui=False, show_right_ui=False
+    )
 
 
 def raw_fields(name: str, *values: float) -> dict[str, Any]:
@@ -147,11 +205,20 @@ def raw_fields(name: str, *values: float) -> dict[str, Any]:
     if name == topics.FIX_X.name:
         return {'point': Point(x=values[0])}
     if name != topics.IMU.name:
-        return {'range': values[0], 'min_range': 0.05, 'max_range': 4.0,
-                'radiation_type': Range.INFRARED}
-    rates, accelerations = (Vector3(x=x, y=y, z=z) for x, y, z in (values[:3], values[3:]))
-    return {'angular_velocity': rates, 'linear_acceleration': accelerations,
-            'orientation_covariance': NO_ORIENTATION}
+        return {
+            'range': values[0],
+            'min_range': 0.05,
+            'max_range': 4.0,
+            'radiation_type': Range.INFRARED,
+        }
+    rates, accelerations = (
+        Vector3(x=x, y=y, z=z) for x, y, z in (values[:3], values[3:])
+    )
+    return {
+        'angular_velocity': rates,
+        'linear_acceleration': accelerations,
+        'orientation_covariance': NO_ORIENTATION,
+    }
 
 
 main = partial(run, lambda: [GondolaSimulatorNode()])

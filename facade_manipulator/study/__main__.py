@@ -50,8 +50,12 @@ Lengths are in m and angles in rad. Wrong input ends with exit status 2.
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; return the exit status."""
     options = _parser().parse_args(argv)
-    return exit_status('workspace_study', lambda: _run(options), BAD_INPUT,
-                       'interrupted, no numbers were written; next: start the study again')
+    return exit_status(
+        'workspace_study',
+        lambda: _run(options),
+        BAD_INPUT,
+        'interrupted, no numbers were written; next: start the study again',
+    )
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -60,14 +64,20 @@ def _run(options: argparse.Namespace) -> None:
     if not parts and options.figures is None:
         parts, options.figures, options.optimise = list(PARTS), REPORT, []
         options.json = options.json or REPORT / 'study.json'
-    study = Study(design(options.l, options.b, options.stroke, options.gap),
-                  Good(options.threshold, options.characteristic_length))
+    study = Study(
+        design(options.l, options.b, options.stroke, options.gap),
+        Good(options.threshold, options.characteristic_length),
+    )
     if options.figures:
         options.figures.mkdir(parents=True, exist_ok=True)
     content: dict[str, Any] = {'inputs': asdict(study.geometry) | study.good._asdict()}
     if options.json and options.json.is_dir():
         raise IsADirectoryError(f'{options.json} is a directory')
-    with atomic_write(options.json) if options.json else nullcontext(Path(os.devnull)) as draft:
+    with (
+        atomic_write(options.json)
+        if options.json
+        else nullcontext(Path(os.devnull)) as draft
+    ):
         draft.touch()  # a file that cannot be written is rejected before the computation
         console = Console(width=None if sys.stdout.isatty() else WIDTH)
         for name in parts:
@@ -96,36 +106,89 @@ def _draw(folder: Path, study: Study) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='workspace_study', description='Reproduce the tables and figures of the paper.',
-        epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter)
+        prog='workspace_study',
+        description='Reproduce the tables and figures of the paper.',
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parts = parser.add_argument_group('parts (default: all)')
     for name, part in PARTS.items():
         if name != 'optimise':
-            parts.add_argument(f'--{name}', action='store_true', default=None, help=part.__doc__)
-    parts.add_argument('--optimise', nargs='*', choices=OBJECTIVES, metavar='OBJECTIVE',
-                       help=f'print the best l and b for {", ".join(OBJECTIVES)} (default all)')
-    parts.add_argument('--figures', nargs='?', type=Path, const=REPORT, metavar='DIR',
-                       help=f'draw the figures into DIR (default {REPORT}/)')
-    parts.add_argument('--json', type=Path, metavar='FILE', help='write the numbers to FILE')
+            parts.add_argument(
+                f'--{name}', action='store_true', default=None, help=part.__doc__
+            )
+    parts.add_argument(
+        '--optimise',
+        nargs='*',
+        choices=OBJECTIVES,
+        metavar='OBJECTIVE',
+        help=f'print the best l and b for {", ".join(OBJECTIVES)} (default all)',
+    )
+    parts.add_argument(
+        '--figures',
+        nargs='?',
+        type=Path,
+        const=REPORT,
+        metavar='DIR',
+        help=f'draw the figures into DIR (default {REPORT}/)',
+    )
+    parts.add_argument(
+        '--json', type=Path, metavar='FILE', help='write the numbers to FILE'
+    )
     lengths = parser.add_argument_group('the design and its good poses')
     for name, (default, words) in LENGTHS.items():
-        lengths.add_argument(f'--{name}', type=float, default=default, metavar='M',
-                             help=f'{words} (default {default:g}) [m]')
-    lengths.add_argument('--y', type=float, nargs='+', action='extend', metavar='M',
-                         help='distances from the rail for --ranges (default every 10 mm) [m]')
-    lengths.add_argument('--threshold', type=above_zero, default=Good().threshold, metavar='INDEX',
-                      help='minimum conditioning index (default %(default)g)')
+        lengths.add_argument(
+            f'--{name}',
+            type=float,
+            default=default,
+            metavar='M',
+            help=f'{words} (default {default:g}) [m]',
+        )
     lengths.add_argument(
-        '--characteristic-length', type=above_zero, metavar='M',
-        default=Good().characteristic_length, help='unit of length of the index: 0.001 in the '
-        'paper, 1 shows weak poses near the rail (default %(default)g) [m]')
+        '--y',
+        type=float,
+        nargs='+',
+        action='extend',
+        metavar='M',
+        help='distances from the rail for --ranges (default every 10 mm) [m]',
+    )
+    lengths.add_argument(
+        '--threshold',
+        type=above_zero,
+        default=Good().threshold,
+        metavar='INDEX',
+        help='minimum conditioning index (default %(default)g)',
+    )
+    lengths.add_argument(
+        '--characteristic-length',
+        type=above_zero,
+        metavar='M',
+        default=Good().characteristic_length,
+        help='unit of length of the index: 0.001 in the '
+        'paper, 1 shows weak poses near the rail (default %(default)g) [m]',
+    )
     search = parser.add_argument_group('the sweep of --optimise')
-    search.add_argument('--sum', type=float, default=LENGTH_SUM, metavar='M', help=(
-        'l + b; 0 sweeps the whole box of Table 1 (default %(default)g) [m]'))
-    search.add_argument('--step', type=above_zero, default=STEP, metavar='M',
-                        help='step of l and b (default %(default)g) [m]')
-    search.add_argument('--scheduler', metavar='ADDRESS', help=(
-        'scheduler of dask.distributed (default: one process for each processor)'))
+    search.add_argument(
+        '--sum',
+        type=float,
+        default=LENGTH_SUM,
+        metavar='M',
+        help=('l + b; 0 sweeps the whole box of Table 1 (default %(default)g) [m]'),
+    )
+    search.add_argument(
+        '--step',
+        type=above_zero,
+        default=STEP,
+        metavar='M',
+        help='step of l and b (default %(default)g) [m]',
+    )
+    search.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help=(
+            'scheduler of dask.distributed (default: one process for each processor)'
+        ),
+    )
     return parser
 
 

@@ -12,7 +12,9 @@ import numpy as np
 
 from facade_manipulator.kinematics import compose, Geometry, joints, Pose, ZERO_POSE
 
-COLOUR_MAP = 'viridis'  # of even lightness, distinct for colour-blind readers and in grey
+COLOUR_MAP = (
+    'viridis'  # of even lightness, distinct for colour-blind readers and in grey
+)
 # Okabe and Ito's colours, which colour-blind readers can distinguish
 BLUE, ORANGE, GREEN = '#0072B2', '#D55E00', '#009E73'
 BLACK, GREY, PALE = '#000000', '#777777', '#D9D9D9'
@@ -20,16 +22,33 @@ MILLIMETRES = 1e3
 MACHINE_MODE = '+-'  # signs of the roots in eqs 7 and 8
 GHOST = 0.3  # opacity of postures behind the named one
 NAMES = {  # offset [points] and alignment of labels, which do not overlap where all carriages meet
-    'a1': (-1, -14, 'right'), 'a3': (0, -24, 'center'), 'a2': (2, -14, 'left'),
-    'b1': (-5, 5, 'right'), 'p': (0, 5, 'center'), 'b2': (5, 5, 'left'),
+    'a1': (-1, -14, 'right'),
+    'a3': (0, -24, 'center'),
+    'a2': (2, -14, 'left'),
+    'b1': (-5, 5, 'right'),
+    'p': (0, 5, 'center'),
+    'b2': (5, 5, 'left'),
 }
-X_LABEL, Y_LABEL, THETA_LABEL = 'x along the rail [mm]', 'y from the rail [mm]', 'angle θ [deg]'
+X_LABEL, Y_LABEL, THETA_LABEL = (
+    'x along the rail [mm]',
+    'y from the rail [mm]',
+    'angle θ [deg]',
+)
 
 STYLE = {
-    'font.size': 9.0, 'axes.titlesize': 9.5, 'axes.labelsize': 9.0, 'legend.fontsize': 8.0,
-    'axes.spines.top': False, 'axes.spines.right': False, 'axes.grid': False,
-    'axes.linewidth': 0.8, 'lines.linewidth': 1.6, 'legend.frameon': False,
-    'figure.dpi': 150, 'savefig.dpi': 150, 'font.family': 'DejaVu Sans',
+    'font.size': 9.0,
+    'axes.titlesize': 9.5,
+    'axes.labelsize': 9.0,
+    'legend.fontsize': 8.0,
+    'axes.spines.top': False,
+    'axes.spines.right': False,
+    'axes.grid': False,
+    'axes.linewidth': 0.8,
+    'lines.linewidth': 1.6,
+    'legend.frameon': False,
+    'figure.dpi': 150,
+    'savefig.dpi': 150,
+    'font.family': 'DejaVu Sans',
 }
 
 
@@ -55,8 +74,13 @@ def joints_in_mode(
     geometry: Geometry, pose: Pose, mode: str = MACHINE_MODE
 ) -> dict[str, np.ndarray]:
     """Return the joints by name [m] in a working mode of eqs 7-8."""
-    inside = pose._replace(y=(1.0 - 1e-12) * pose.y)  # the far edge itself is out of reach
-    at = {name: np.array(point) for name, point in joints(geometry, inside)._asdict().items()}
+    inside = pose._replace(
+        y=(1.0 - 1e-12) * pose.y
+    )  # the far edge itself is out of reach
+    at = {
+        name: np.array(point)
+        for name, point in joints(geometry, inside)._asdict().items()
+    }
     for side, sign, own in zip('12', mode, MACHINE_MODE, strict=True):
         if sign != own:  # the other root: the carriage beyond its joint
             at[f'a{side}'][0] += 2.0 * (at[f'b{side}'] - at[f'a{side}'])[0]
@@ -64,30 +88,63 @@ def joints_in_mode(
 
 
 def draw_mechanism(
-    axes: Axes, geometry: Geometry, pose: Pose, mode: str = MACHINE_MODE, alpha: float = 1.0,
-    rail: Pose = ZERO_POSE, has_names: bool = False,
+    axes: Axes,
+    geometry: Geometry,
+    pose: Pose,
+    mode: str = MACHINE_MODE,
+    alpha: float = 1.0,
+    rail: Pose = ZERO_POSE,
+    has_names: bool = False,
 ) -> None:
     """Draw rail, carriages, links and platform of a pose [mm], with the rail itself at a pose."""
     on_rail = joints_in_mode(geometry, pose, mode)
     ends = [*geometry.stroke, *(on_rail[name][0] for name in ('a1', 'a2', 'a3'))]
     on_rail |= {'start': np.array([min(ends), 0.0]), 'end': np.array([max(ends), 0.0])}
-    at = {name: MILLIMETRES * np.array(compose(rail, Pose(x, y, 0.0))[:2])
-          for name, (x, y) in on_rail.items()}
-    axes.plot(*zip(at.pop('start'), at.pop('end'), strict=True), color=PALE, linewidth=5.0,
-              solid_capstyle='butt', zorder=1)
+    at = {
+        name: MILLIMETRES * np.array(compose(rail, Pose(x, y, 0.0))[:2])
+        for name, (x, y) in on_rail.items()
+    }
+    axes.plot(
+        *zip(at.pop('start'), at.pop('end'), strict=True),
+        color=PALE,
+        linewidth=5.0,
+        solid_capstyle='butt',
+        zorder=1,
+    )
     for start, end, colour, width in (
-            ('a1', 'b1', BLUE, 2.4), ('a2', 'b2', BLUE, 2.4), ('b1', 'b2', ORANGE, 4.0),
-            ('a3', 'p', GREY, 1.2)):
-        axes.plot(*zip(at[start], at[end], strict=True), color=colour, linewidth=width,
-                  alpha=alpha, solid_capstyle='round', zorder=2)
+        ('a1', 'b1', BLUE, 2.4),
+        ('a2', 'b2', BLUE, 2.4),
+        ('b1', 'b2', ORANGE, 4.0),
+        ('a3', 'p', GREY, 1.2),
+    ):
+        axes.plot(
+            *zip(at[start], at[end], strict=True),
+            color=colour,
+            linewidth=width,
+            alpha=alpha,
+            solid_capstyle='round',
+            zorder=2,
+        )
     for name, place in at.items():
-        axes.plot(*place, 's' if name.startswith('a') else 'o', color=BLACK, alpha=alpha,
-                  markersize=4.5, zorder=3)
+        axes.plot(
+            *place,
+            's' if name.startswith('a') else 'o',
+            color=BLACK,
+            alpha=alpha,
+            markersize=4.5,
+            zorder=3,
+        )
         if has_names:
             right, up, alignment = NAMES[name]
             is_behind_rail = place[1] < 0.0 < up
-            axes.annotate(name.upper(), tuple(place), (right, -12 if is_behind_rail else up),
-                          textcoords='offset points', ha=alignment, fontsize=8.0)
+            axes.annotate(
+                name.upper(),
+                tuple(place),
+                (right, -12 if is_behind_rail else up),
+                textcoords='offset points',
+                ha=alignment,
+                fontsize=8.0,
+            )
 
 
 def draw_lines_of_force(axes: Axes, geometry: Geometry, pose: Pose) -> None:
@@ -95,6 +152,11 @@ def draw_lines_of_force(axes: Axes, geometry: Geometry, pose: Pose) -> None:
     at = joints_in_mode(geometry, pose)
     meeting = at['a1'] + pose.y / at['b1'][1] * (at['b1'] - at['a1'])
     for name in ('a1', 'a2', 'p'):
-        axes.plot(*zip(at[name] * MILLIMETRES, meeting * MILLIMETRES, strict=True),
-                  color=GREEN, linewidth=1.0, linestyle='--', zorder=1)
+        axes.plot(
+            *zip(at[name] * MILLIMETRES, meeting * MILLIMETRES, strict=True),
+            color=GREEN,
+            linewidth=1.0,
+            linestyle='--',
+            zorder=1,
+        )
     axes.plot(*(meeting * MILLIMETRES), 'o', color=GREEN, markersize=5.0, zorder=3)

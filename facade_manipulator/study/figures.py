@@ -22,12 +22,18 @@ from facade_manipulator.kinematics.maps import pose_map
 from facade_manipulator.study import drawing, figures_postures
 from facade_manipulator.study.drawing import COLOUR_MAP, label, MILLIMETRES, plan_view
 from facade_manipulator.study.paper import CASES, design, ratio_on_grid
-from facade_manipulator.study.singularities import configurations, parallel_curves, serial_curve
+from facade_manipulator.study.singularities import (
+    configurations,
+    parallel_curves,
+    serial_curve,
+)
 from facade_manipulator.study.tables import lengths, Study
 from facade_manipulator.study.workspace import Good, theta_bounds, union_ends
 
 SLICES, ROWS = 27, 70  # of θ and of y in Figure 6
-METRE = Good(0.0, 1.0)  # this unit shows weak poses near the rail as well as at the far edge
+METRE = Good(
+    0.0, 1.0
+)  # this unit shows weak poses near the rail as well as at the far edge
 EXAMPLE = (0.25, 0.45)  # l and b of Figures 6 and 7 [m]
 MACHINE_GAP = 0.02  # m
 
@@ -36,24 +42,34 @@ def figure_6(study: Study) -> Figure:
     """Draw the workspace of the example of the paper and of the design."""
     stroke = study.geometry.stroke_length
     made = drawing.figure(
-        10.0, 4.6, f'Figure 6: workspace over x, y and θ, Q = {stroke * 1e3:g} mm')
+        10.0, 4.6, f'Figure 6: workspace over x, y and θ, Q = {stroke * 1e3:g} mm'
+    )
     made.set_layout_engine('none')  # it ignores the extent of 3-D axes
     scale = Normalize(0.0, 0.45)
     for left, geometry in ((0.02, design(*EXAMPLE, stroke)), (0.46, study.geometry)):
-        axes = made.add_axes((left, 0.0, 0.4, 0.93), projection='3d', computed_zorder=False)
+        axes = made.add_axes(
+            (left, 0.0, 0.4, 0.93), projection='3d', computed_zorder=False
+        )
         _draw_slices(axes, geometry, scale)
         axes.set_title(lengths(geometry), y=0.99)
-    made.colorbar(ScalarMappable(scale, COLOUR_MAP), cax=made.add_axes((0.88, 0.2, 0.015, 0.6)),
-                  label=f'{_index_label(1.0)}\n(grey: beyond N = 0)')
+    made.colorbar(
+        ScalarMappable(scale, COLOUR_MAP),
+        cax=made.add_axes((0.88, 0.2, 0.015, 0.6)),
+        label=f'{_index_label(1.0)}\n(grey: beyond N = 0)',
+    )
     return made
 
 
 def figure_7(study: Study) -> Figure:
     """Draw the singular configurations: four cases of the paper and the case that it misses."""
     geometry = design(*EXAMPLE, study.geometry.stroke_length)
-    made = drawing.figure(10.0, 5.0, f'Figure 7: singular configurations, {lengths(geometry)}')
+    made = drawing.figure(
+        10.0, 5.0, f'Figure 7: singular configurations, {lengths(geometry)}'
+    )
     grid = made.subplots(2, 3)
-    for axes, (title, pose) in zip(grid.flat, configurations(geometry).items(), strict=False):
+    for axes, (title, pose) in zip(
+        grid.flat, configurations(geometry).items(), strict=False
+    ):
         drawing.draw_mechanism(axes, geometry, pose, has_names=True)
         plan_view(axes, 580.0, (-170.0, 360.0), title)
         axes.label_outer()
@@ -66,21 +82,37 @@ def figure_8(study: Study) -> Figure:
     """Draw the section θ = 0 of the cases of Table 2, with the union over θ around it."""
     stroke, unit = study.geometry.stroke_length, study.good.characteristic_length
     made = drawing.figure(
-        10.0, 4.0, f'Figure 8: workspace of the cases of Table 2, Q = {stroke * 1e3:g} mm')
+        10.0,
+        4.0,
+        f'Figure 8: workspace of the cases of Table 2, Q = {stroke * 1e3:g} mm',
+    )
     grid = made.subplots(2, 3, sharex=True, sharey=True)
-    geometries = [design(case.link_length, case.platform_half_length, stroke) for case in CASES]
+    geometries = [
+        design(case.link_length, case.platform_half_length, stroke) for case in CASES
+    ]
     maps = [_section_map(geometry, unit) for geometry in geometries]
     scale = Normalize(0.0, max(np.nanmax(values) for _, _, values in maps))
     for axes, geometry, section in zip(grid.flat, geometries, maps, strict=False):
         axes.pcolormesh(*section, cmap=COLOUR_MAP, norm=scale, rasterized=True)
         _draw_union(axes, geometry)
-        plan_view(axes, 540.0 * max(1.0, stroke), (0.0, 380.0), f'{lengths(geometry)}\n'
-                  f'good-condition ratio {ratio_on_grid(geometry, study.good):.3f}')
+        plan_view(
+            axes,
+            540.0 * max(1.0, stroke),
+            (0.0, 380.0),
+            f'{lengths(geometry)}\n'
+            f'good-condition ratio {ratio_on_grid(geometry, study.good):.3f}',
+        )
         axes.label_outer()
     grid[1, 2].axis('off')
-    grid[1, 2].legend(*axes.get_legend_handles_labels(), loc='center', fontsize=9.0,
-                      title='coloured: reached at θ = 0')
-    made.colorbar(ScalarMappable(scale, COLOUR_MAP), ax=grid, label=_index_label(unit), shrink=0.9)
+    grid[1, 2].legend(
+        *axes.get_legend_handles_labels(),
+        loc='center',
+        fontsize=9.0,
+        title='coloured: reached at θ = 0',
+    )
+    made.colorbar(
+        ScalarMappable(scale, COLOUR_MAP), ax=grid, label=_index_label(unit), shrink=0.9
+    )
     return made
 
 
@@ -92,22 +124,38 @@ def figure_9(study: Study) -> Figure:
     end = 1.05 * np.nanmax(theta_bounds(geometry, y))
     theta = np.linspace(-end, end, 701)
     for row, good in zip(
-            made.subplots(2, 2, width_ratios=(1.35, 1.0)), (study.good, METRE), strict=True):
+        made.subplots(2, 2, width_ratios=(1.35, 1.0)), (study.good, METRE), strict=True
+    ):
         section = _section_map(geometry, good.characteristic_length)
         at = pose_map(geometry, y[:, None], theta, good.characteristic_length)
         is_outside = np.isnan(at.lower) | (at.number <= 0.0)
-        turns = (np.degrees(theta), y * MILLIMETRES, np.where(is_outside, np.nan, at.conditioning))
+        turns = (
+            np.degrees(theta),
+            y * MILLIMETRES,
+            np.where(is_outside, np.nan, at.conditioning),
+        )
         scale = Normalize(0.0, np.nanmax(turns[2]))
         row[0].pcolormesh(*section, cmap=COLOUR_MAP, norm=scale, rasterized=True)
         row[0].set_aspect('equal')
         label(row[0], drawing.X_LABEL, drawing.Y_LABEL, 'at θ = 0')
         row[1].pcolormesh(*turns, cmap=COLOUR_MAP, norm=scale, rasterized=True)
         if good.threshold > 0.0:
-            row[1].contour(*turns, [good.threshold], colors=drawing.ORANGE, linewidths=1.4)
-        label(row[1], drawing.THETA_LABEL, drawing.Y_LABEL, 'at any x' + (
-            f' (orange: 1/k = {good.threshold:g})' if good.threshold else ''))
-        made.colorbar(ScalarMappable(scale, COLOUR_MAP), ax=row, shrink=0.85,
-                      label=_index_label(good.characteristic_length))
+            row[1].contour(
+                *turns, [good.threshold], colors=drawing.ORANGE, linewidths=1.4
+            )
+        label(
+            row[1],
+            drawing.THETA_LABEL,
+            drawing.Y_LABEL,
+            'at any x'
+            + (f' (orange: 1/k = {good.threshold:g})' if good.threshold else ''),
+        )
+        made.colorbar(
+            ScalarMappable(scale, COLOUR_MAP),
+            ax=row,
+            shrink=0.85,
+            label=_index_label(good.characteristic_length),
+        )
     return made
 
 
@@ -119,14 +167,24 @@ def figure_11(study: Study) -> Figure:
     figures_postures.draw_extremes([panels[letter] for letter in 'abc'], study.geometry)
     y = np.linspace(1e-6, study.geometry.link_length, 2000)[:-1]
     machine_gap = study.geometry.carriage_gap or MACHINE_GAP
-    for gap, colour, style in ((0.0, drawing.BLUE, '-'), (machine_gap, drawing.ORANGE, '--')):
+    for gap, colour, style in (
+        (0.0, drawing.BLUE, '-'),
+        (machine_gap, drawing.ORANGE, '--'),
+    ):
         geometry = replace(study.geometry, carriage_gap=gap)
-        look = {'color': colour, 'linestyle': style,
-                'label': f'{gap * MILLIMETRES:.0f} mm between carriages'}
+        look = {
+            'color': colour,
+            'linestyle': style,
+            'label': f'{gap * MILLIMETRES:.0f} mm between carriages',
+        }
         left.plot(y * MILLIMETRES, np.degrees(theta_bounds(geometry, y)), **look)
-        right.plot(y * MILLIMETRES, pose_map(geometry, y, 0.0).upper * MILLIMETRES, **look)
+        right.plot(
+            y * MILLIMETRES, pose_map(geometry, y, 0.0).upper * MILLIMETRES, **look
+        )
     label(left, drawing.Y_LABEL, 'maximum angle |θ| [deg]', 'd) rotation')
-    label(right, drawing.Y_LABEL, 'maximum |x| at θ = 0 [mm]', 'e) travel along the rail')
+    label(
+        right, drawing.Y_LABEL, 'maximum |x| at θ = 0 [mm]', 'e) travel along the rail'
+    )
     for axes in (left, right):
         axes.set(xlim=(0.0, study.geometry.link_length * MILLIMETRES), ylim=(0.0, None))
         axes.grid(color=drawing.PALE, linewidth=0.6)
@@ -147,7 +205,11 @@ def _section_map(
     y = np.linspace(1e-6, geometry.link_length, 601)
     at = pose_map(geometry, y, 0.0, characteristic_length)
     inside = (at.lower[:, None] <= x) & (x <= at.upper[:, None])
-    return x * MILLIMETRES, y * MILLIMETRES, np.where(inside, at.conditioning[:, None], np.nan)
+    return (
+        x * MILLIMETRES,
+        y * MILLIMETRES,
+        np.where(inside, at.conditioning[:, None], np.nan),
+    )
 
 
 def _draw_union(axes: Axes, geometry: Geometry) -> None:
@@ -157,18 +219,28 @@ def _draw_union(axes: Axes, geometry: Geometry) -> None:
     lower, upper = union_ends(geometry, y[:, None], theta)
     reached = np.isfinite(lower)
     y, lower, upper = y[reached], lower[reached], upper[reached]
-    axes.plot(MILLIMETRES * np.concatenate([lower, upper[::-1], lower[:1]]),
-              MILLIMETRES * np.concatenate([y, y[::-1], y[:1]]),
-              color=drawing.ORANGE, linewidth=1.2, label='outline: reached at any angle θ')
+    axes.plot(
+        MILLIMETRES * np.concatenate([lower, upper[::-1], lower[:1]]),
+        MILLIMETRES * np.concatenate([y, y[::-1], y[:1]]),
+        color=drawing.ORANGE,
+        linewidth=1.2,
+        label='outline: reached at any angle θ',
+    )
 
 
 def _draw_loci(axes: Axes, geometry: Geometry) -> None:
     """Draw the loci of both determinants over (θ, y)."""
     theta = np.radians(np.linspace(-34.0, 34.0, 681))
     lower, upper = parallel_curves(geometry, theta)
-    axes.plot(np.degrees(theta), serial_curve(geometry, theta) * MILLIMETRES, color=drawing.BLUE,
-              label='det A = 0')
-    axes.plot(np.degrees(theta), lower * MILLIMETRES, color=drawing.ORANGE, label='det B = 0')
+    axes.plot(
+        np.degrees(theta),
+        serial_curve(geometry, theta) * MILLIMETRES,
+        color=drawing.BLUE,
+        label='det A = 0',
+    )
+    axes.plot(
+        np.degrees(theta), lower * MILLIMETRES, color=drawing.ORANGE, label='det B = 0'
+    )
     axes.plot(np.degrees(theta), upper * MILLIMETRES, color=drawing.ORANGE)
     axes.annotate('N > 0', (0.0, 130.0), ha='center')
     axes.annotate('N < 0', (20.0, 20.0), ha='center')
@@ -181,23 +253,37 @@ def _draw_slices(axes: Any, geometry: Geometry, scale: Normalize) -> None:
     """Draw the slices of a workspace at several angles, coloured by their conditioning index."""
     y = np.linspace(1e-6, geometry.link_length, ROWS)[:, None]
     end = np.nanmax(theta_bounds(geometry, y))
-    for theta in np.linspace(-end, end, SLICES):  # upwards, so that each covers the lower ones
+    for theta in np.linspace(
+        -end, end, SLICES
+    ):  # upwards, so that each covers the lower ones
         at = pose_map(geometry, y, theta, METRE.characteristic_length)
         colours = ScalarMappable(scale, COLOUR_MAP).to_rgba(at.conditioning, alpha=0.85)
         colours[at.number <= 0.0] = to_rgba(drawing.GREY, 0.2)
         x = np.hstack([at.lower, at.upper])
         axes.plot_surface(
-            x * MILLIMETRES, np.broadcast_to(y, x.shape) * MILLIMETRES,
-            np.full_like(x, np.degrees(theta)), facecolors=np.repeat(colours, 2, axis=1),
-            shade=False, rcount=ROWS, antialiased=False)
+            x * MILLIMETRES,
+            np.broadcast_to(y, x.shape) * MILLIMETRES,
+            np.full_like(x, np.degrees(theta)),
+            facecolors=np.repeat(colours, 2, axis=1),
+            shade=False,
+            rcount=ROWS,
+            antialiased=False,
+        )
     reach, turn = 0.5 * geometry.stroke_length * MILLIMETRES, np.degrees(end)
-    axes.set(xlim=(-reach, reach), ylim=(0.0, geometry.link_length * MILLIMETRES),
-             zlim=(-turn, turn), xlabel='x [mm]', ylabel='y [mm]')
+    axes.set(
+        xlim=(-reach, reach),
+        ylim=(0.0, geometry.link_length * MILLIMETRES),
+        zlim=(-turn, turn),
+        xlabel='x [mm]',
+        ylabel='y [mm]',
+    )
     axes.zaxis.set_rotate_label(False)
     axes.set_zlabel('θ [deg]', rotation=90.0)
     for axis, count in (('x', 5), ('y', 4), ('z', 6)):
         axes.locator_params(axis=axis, nbins=count)
-    axes.view_init(elev=24.0, azim=52.0)  # seen from the façade: poses beyond N = 0 are behind
+    axes.view_init(
+        elev=24.0, azim=52.0
+    )  # seen from the façade: poses beyond N = 0 are behind
     axes.set_box_aspect((1.3, 1.0, 0.9), zoom=0.9)
 
 

@@ -12,7 +12,12 @@ from facade_manipulator import kinematics
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.maps import pose_map
 from facade_manipulator.study import drawing
-from facade_manipulator.study.drawing import draw_mechanism, GHOST, MILLIMETRES, plan_view
+from facade_manipulator.study.drawing import (
+    draw_mechanism,
+    GHOST,
+    MILLIMETRES,
+    plan_view,
+)
 from facade_manipulator.study.tables import Study
 from facade_manipulator.study.workspace import section_bounds, theta_peak
 
@@ -34,14 +39,26 @@ def figure_3(study: Study) -> Figure:
     turned, far, aside = extremes(study.geometry)
     rest = Pose(0.0, turned.y, 0.0)
     reach = PART * float(np.nan_to_num(pose_map(study.geometry, rest.y, 0.0).upper[0]))
-    for axes, title, moves in zip(made.subplots(1, 3, sharey=True), (
-            'along x: all carriages move together', 'along y: A1 and A2 move apart or together',
-            'about z: A1 and A2 move the same way'), (
+    for axes, title, moves in zip(
+        made.subplots(1, 3, sharey=True),
+        (
+            'along x: all carriages move together',
+            'along y: A1 and A2 move apart or together',
+            'about z: A1 and A2 move the same way',
+        ),
+        (
             [rest._replace(x=sign * reach) for sign in (-1.0, 1.0)],
-            [rest._replace(y=(1.0 - PART) * rest.y + PART * y) for y in (aside.y, far.y)],
+            [
+                rest._replace(y=(1.0 - PART) * rest.y + PART * y)
+                for y in (aside.y, far.y)
+            ],
             [rest._replace(theta=sign * PART * turned.theta) for sign in (-1.0, 1.0)],
-    ), strict=True):
-        _draw_postures(axes, study.geometry, rest, *moves, has_names=title.startswith('about'))
+        ),
+        strict=True,
+    ):
+        _draw_postures(
+            axes, study.geometry, rest, *moves, has_names=title.startswith('about')
+        )
         plan_view(axes, 680.0, (-190.0, 370.0), title)
         axes.label_outer()
     return made
@@ -57,25 +74,36 @@ def figure_5(study: Study) -> Figure:
         draw_mechanism(axes, study.geometry, pose, mode, has_names=True)
         at = drawing.joints_in_mode(study.geometry, pose, mode)
         room = MILLIMETRES * np.ptp([at[name][0] for name in ('a1', 'a2', 'a3')])
-        plan_view(axes, 750.0, (-160.0, 370.0), f'{letter}) “{mode.replace("-", "−")}”: the '
-                  f'carriages take {room:.0f} mm of the rail')
+        plan_view(
+            axes,
+            750.0,
+            (-160.0, 370.0),
+            f'{letter}) “{mode.replace("-", "−")}”: the '
+            f'carriages take {room:.0f} mm of the rail',
+        )
         axes.label_outer()
     return made
 
 
 def figure_12(study: Study) -> Figure:
     """Draw the compensation: the head stays in place on the wall while the rail is displaced."""
-    made = drawing.figure(10.0, 2.6, 'Figures 2 and 12: with and without (pale) compensation')
+    made = drawing.figure(
+        10.0, 2.6, 'Figures 2 and 12: with and without (pale) compensation'
+    )
     home = kinematics.forward_kinematics(study.geometry, HOME)
     wall = home.y * MILLIMETRES + HEAD_TO_WALL
-    for axes, (title, rail) in zip(made.subplots(1, 3, sharey=True), SWAY.items(), strict=True):
+    for axes, (title, rail) in zip(
+        made.subplots(1, 3, sharey=True), SWAY.items(), strict=True
+    ):
         draw_mechanism(axes, study.geometry, home, alpha=GHOST, rail=rail)
         draw_mechanism(axes, study.geometry, kinematics.relative(rail, home), rail=rail)
         axes.axhspan(wall, wall + 60.0, color=drawing.GREY, linewidth=0.0)
         axes.axvline(0.0, color=drawing.GREEN, linewidth=1.0, linestyle='--', zorder=1)
         lost = kinematics.compose(rail, home)
-        title += (f'\nwithout: x {lost.x * 1e3:+.0f} mm, y {(lost.y - home.y) * 1e3:+.0f} mm, '
-                  f'θ {degrees(lost.theta):+.0f}°')
+        title += (
+            f'\nwithout: x {lost.x * 1e3:+.0f} mm, y {(lost.y - home.y) * 1e3:+.0f} mm, '
+            f'θ {degrees(lost.theta):+.0f}°'
+        )
         plan_view(axes, 680.0, (-90.0, 350.0), title)
         drawing.label(axes, 'x along the wall [mm]', 'y towards the wall [mm]', title)
         axes.label_outer()
@@ -85,13 +113,21 @@ def figure_12(study: Study) -> Figure:
 def draw_extremes(grid: list[Axes], geometry: Geometry) -> None:
     """Draw the maximum rotation and displacements of the head, in front of the opposites."""
     turned, far, aside = extremes(geometry)
-    for axes, title, pose, opposite in zip(grid, (
+    for axes, title, pose, opposite in zip(
+        grid,
+        (
             f'a) θ = {degrees(turned.theta):.1f}° at y = {turned.y * MILLIMETRES:.0f} mm',
             f'b) y = {far.y * MILLIMETRES:.0f} mm',
-            f'c) x = {aside.x * MILLIMETRES:.0f} mm at y = {aside.y * MILLIMETRES:.0f} mm'),
-            (turned, far, aside),
-            (turned._replace(theta=-turned.theta), far._replace(y=aside.y),
-             aside._replace(x=-aside.x)), strict=True):
+            f'c) x = {aside.x * MILLIMETRES:.0f} mm at y = {aside.y * MILLIMETRES:.0f} mm',
+        ),
+        (turned, far, aside),
+        (
+            turned._replace(theta=-turned.theta),
+            far._replace(y=aside.y),
+            aside._replace(x=-aside.x),
+        ),
+        strict=True,
+    ):
         _draw_postures(axes, geometry, pose, opposite, has_names=True)
         plan_view(axes, 980.0, (-310.0, 500.0), title)
 

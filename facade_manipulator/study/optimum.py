@@ -47,7 +47,12 @@ class Merit(NamedTuple):
     beyond_share: float
 
 
-OBJECTIVES = {'area': 'm2', 'good_area': 'm2', 'volume': 'm2 rad', 'ratio': ''}  # their units
+OBJECTIVES = {
+    'area': 'm2',
+    'good_area': 'm2',
+    'volume': 'm2 rad',
+    'ratio': '',
+}  # their units
 
 
 def designs(length_sum: float = LENGTH_SUM, step: float = STEP) -> list[Lengths]:
@@ -58,7 +63,8 @@ def designs(length_sum: float = LENGTH_SUM, step: float = STEP) -> list[Lengths]
     """
     link, platform = (
         np.round(np.arange(lower, upper + ROUNDING, step), 9).tolist()
-        for lower, upper in (LINK_RANGE, PLATFORM_RANGE))
+        for lower, upper in (LINK_RANGE, PLATFORM_RANGE)
+    )
     if not length_sum:
         return [(length, half) for length in link for half in platform]
     line = [(length, round(length_sum - length, 9)) for length in link]
@@ -66,7 +72,8 @@ def designs(length_sum: float = LENGTH_SUM, step: float = STEP) -> list[Lengths]
     if not line:
         raise ParameterError(
             f'--sum rejected: l + b = {length_sum:g} m is outside Table 1; next: set --sum '
-            'between 0.45 m and 0.95 m')
+            'between 0.45 m and 0.95 m'
+        )
     return line
 
 
@@ -75,16 +82,27 @@ def evaluate(lengths: Lengths, like: Geometry, good: Good) -> Merit:
     geometry = replace(like, link_length=lengths[0], platform_half_length=lengths[1])
     volume, *shares = measure(geometry, good, CELLS)
     ratio, beyond_share = np.nan_to_num(shares).tolist()
-    return Merit(*lengths, section_area(geometry), section_area(geometry, good),
-                 volume * (1.0 - beyond_share), ratio, beyond_share)
+    return Merit(
+        *lengths,
+        section_area(geometry),
+        section_area(geometry, good),
+        volume * (1.0 - beyond_share),
+        ratio,
+        beyond_share,
+    )
 
 
 def sweep(
-    chosen: list[Lengths], like: Geometry, good: Good, executor: futures.Executor,
+    chosen: list[Lengths],
+    like: Geometry,
+    good: Good,
+    executor: futures.Executor,
     progress: Callable[[Iterable[Any], int], Iterable[Any]] = lambda done, total: done,
 ) -> list[Merit]:
     """Return the merits of designs, computed by an executor; `progress` counts the designs."""
-    merits = executor.map(partial(evaluate, like=like, good=good), chosen, chunksize=CHUNK)
+    merits = executor.map(
+        partial(evaluate, like=like, good=good), chosen, chunksize=CHUNK
+    )
     return list(progress(merits, len(chosen)))
 
 
@@ -94,13 +112,22 @@ def best(merits: list[Merit], objectives: Iterable[str]) -> list[dict[str, Any]]
 
     A workspace with l ≥ b has no pose beyond N = 0.
     """
-    regular = [one for one in merits if one.link_length >= one.platform_half_length - ROUNDING]
+    regular = [
+        one for one in merits if one.link_length >= one.platform_half_length - ROUNDING
+    ]
     found = []
     for name, among in (('l >= b', regular), ('all', merits)):
         for objective in objectives if among else ():
             value, merit = max((getattr(merit, objective), merit) for merit in among)
-            found.append({'objective': objective, 'designs': name, 'count': len(among),
-                          'value': value} | merit._asdict())
+            found.append(
+                {
+                    'objective': objective,
+                    'designs': name,
+                    'count': len(among),
+                    'value': value,
+                }
+                | merit._asdict()
+            )
     return found
 
 
@@ -113,7 +140,9 @@ def executor_of(scheduler: str | None) -> Iterator[futures.Executor]:
     scheduler does not answer, or if processes die and their work is lost.
     """
     if scheduler is None:
-        pool = futures.ProcessPoolExecutor(initializer=_begin_process, initargs=(os.getpid(),))
+        pool = futures.ProcessPoolExecutor(
+            initializer=_begin_process, initargs=(os.getpid(),)
+        )
         try:
             yield pool
         except futures.BrokenExecutor as error:
@@ -132,13 +161,15 @@ def executor_of(scheduler: str | None) -> Iterator[futures.Executor]:
         client = Client(scheduler, timeout=CONNECTION_TIMEOUT)
     except (OSError, ValueError) as error:
         raise ManipulatorError(
-            f'scheduler {scheduler} does not answer: {error}; next: check its address') from error
+            f'scheduler {scheduler} does not answer: {error}; next: check its address'
+        ) from error
     try:
         with client:  # closing it cancels tasks that have not begun
             yield client.get_executor()
     except (KilledWorker, futures.CancelledError) as error:
         raise ManipulatorError(
-            f'workers of {scheduler} failed: {error!r}; next: check its workers') from error
+            f'workers of {scheduler} failed: {error!r}; next: check its workers'
+        ) from error
 
 
 def _begin_process(parent: int) -> None:

@@ -19,11 +19,18 @@ import numpy as np
 
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.kinematics.maps import pose_map
-from facade_manipulator.study.workspace import Good, PAPER_GOOD, section_area, union_area
+from facade_manipulator.study.workspace import (
+    Good,
+    PAPER_GOOD,
+    section_area,
+    union_area,
+)
 
 LINK_RANGE, PLATFORM_RANGE = (0.150, 0.400), (0.300, 0.550)  # Table 1: l and b [m]
 LENGTH_SUM = 0.7  # m: l + b of every case of the paper, which does not state it
-STROKE_LENGTH = 1.005  # m: the ratios round to those of the paper; 1.0 moves them by 0.001
+STROKE_LENGTH = (
+    1.005  # m: the ratios round to those of the paper; 1.0 moves them by 0.001
+)
 STEP, TURN = 0.001, float(np.radians(1.0))  # the grid of y [m] and θ [rad]
 
 
@@ -59,7 +66,11 @@ def ratio_on_grid(geometry: Geometry, good: Good = PAPER_GOOD) -> float:
     y = np.round(np.arange(STEP, geometry.link_length + 1e-9, STEP), 12)[:, None]
     at = pose_map(geometry, y, TURN * np.arange(-90, 91), good.characteristic_length)
     total = at.width.sum()
-    return float(at.width[at.conditioning >= good.threshold].sum() / total) if total else np.nan
+    return (
+        float(at.width[at.conditioning >= good.threshold].sum() / total)
+        if total
+        else np.nan
+    )
 
 
 def table2(stroke_length: float = STROKE_LENGTH) -> list[dict[str, Any]]:
@@ -68,9 +79,16 @@ def table2(stroke_length: float = STROKE_LENGTH) -> list[dict[str, Any]]:
     for length, half, *printed in CASES:
         geometry = design(length, half, stroke_length)
         ratio, section = ratio_on_grid(geometry), section_area(geometry)
-        rows.append({
-            'l': length, 'b': half, 'ratio': ratio, 'area_section': section,
-            'good_area_section': ratio * section,  # the paper multiplies its area by its ratio
-            'area_union': union_area(geometry),
-            'paper': dict(zip(Case._fields[2:], printed, strict=True))})
+        rows.append(
+            {
+                'l': length,
+                'b': half,
+                'ratio': ratio,
+                'area_section': section,
+                'good_area_section': ratio
+                * section,  # the paper multiplies its area by its ratio
+                'area_union': union_area(geometry),
+                'paper': dict(zip(Case._fields[2:], printed, strict=True)),
+            }
+        )
     return rows

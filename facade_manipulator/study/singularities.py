@@ -25,7 +25,9 @@ def serial_curve(geometry: Geometry, theta: np.ndarray) -> np.ndarray:
     return np.where(y > 0.0, y, np.nan)
 
 
-def parallel_curves(geometry: Geometry, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def parallel_curves(
+    geometry: Geometry, theta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """
     Return the y > 0 of det B = 0 at every θ [m], exact to rounding, NaN where none exists.
 
@@ -59,5 +61,6 @@ def configurations(geometry: Geometry) -> dict[str, Pose]:
         'c) stretched\ndet A = 0, the far edge': Pose(0.0, length, 0.0),
         'd) right link in line\nregular, beyond N = 0': Pose(0.0, y_in_line, -in_line),
         'e) lines of force meet\ndet B = 0, not in the paper': Pose(
-            0.0, float(y_singular), turned),
+            0.0, float(y_singular), turned
+        ),
     }

@@ -46,7 +46,10 @@ class Workspace(NamedTuple):
 
 def y_range(geometry: Geometry) -> tuple[float, float]:
     """Return the minimum and maximum y at θ = 0 on a rail of any length [m]."""
-    length, room = geometry.link_length, geometry.platform_half_length - geometry.carriage_gap
+    length, room = (
+        geometry.link_length,
+        geometry.platform_half_length - geometry.carriage_gap,
+    )
     return sqrt(max(0.0, length * length - room * room)), length
 
 
@@ -56,7 +59,9 @@ def theta_limits(geometry: Geometry, y: np.ndarray) -> np.ndarray:
     regular = number_at(geometry, y, bound) > 0.0
     # N > 0 for every θ at which no joint of the platform is behind the rail.
     inside = np.arcsin(np.minimum(1.0, y / geometry.platform_half_length))
-    root = bisect(lambda theta: number_at(geometry, y, theta), bound, np.minimum(bound, inside))
+    root = bisect(
+        lambda theta: number_at(geometry, y, theta), bound, np.minimum(bound, inside)
+    )
     return np.where(regular, bound, root)
 
 
@@ -79,10 +84,15 @@ def _theta_intervals(geometry: Geometry, y: np.ndarray) -> list[list[np.ndarray]
     The second interval exists only with a gap and links shorter than b, and only where h < r.
     """
     length, half, gap = (
-        geometry.link_length, geometry.platform_half_length, geometry.carriage_gap)
+        geometry.link_length,
+        geometry.platform_half_length,
+        geometry.carriage_gap,
+    )
     radius, phase = np.hypot(y, gap), np.arctan2(gap, y)
     height = (y * y + half * half + gap * gap - length * length) / (2.0 * half)
-    end = np.minimum(np.arcsin(np.clip((length - y) / half, -1.0, 1.0)), np.arccos(gap / half))
+    end = np.minimum(
+        np.arcsin(np.clip((length - y) / half, -1.0, 1.0)), np.arccos(gap / half)
+    )
     limit = np.arcsin(np.clip(height / radius, -1.0, 1.0))
     order = np.where(height < radius, limit - phase, np.pi)
     beyond = np.maximum(order, np.pi - limit - phase)
@@ -103,10 +113,11 @@ def theta_peak(geometry: Geometry) -> tuple[float, float]:
 def number_at(geometry: Geometry, y: Any, theta: Any) -> Any:
     """Return N [m²] for θ ≥ 0, the far edge included, for floats or arrays."""
     length, rise = geometry.link_length, geometry.platform_half_length * np.sin(theta)
-    roots = [np.sqrt(np.maximum(0.0, length * length - height * height))
-             for height in (y - rise, y + rise)]
-    return branch_number(
-        (np.sin(theta), np.cos(theta), y - rise, y + rise, *roots))
+    roots = [
+        np.sqrt(np.maximum(0.0, length * length - height * height))
+        for height in (y - rise, y + rise)
+    ]
+    return branch_number((np.sin(theta), np.cos(theta), y - rise, y + rise, *roots))
 
 
 def section_bounds(geometry: Geometry, good: Good | None = None) -> tuple[float, float]:
@@ -155,13 +166,22 @@ def section_area(geometry: Geometry, good: Good | None = None) -> float:
 
     def segment(y: float) -> float:
         ratio = y / length
-        return length * length * float(ratio * sqrt(1.0 - ratio * ratio) + np.arcsin(ratio))
+        return (
+            length
+            * length
+            * float(ratio * sqrt(1.0 - ratio * ratio) + np.arcsin(ratio))
+        )
 
-    return ((geometry.stroke_length - 2.0 * geometry.platform_half_length) * (upper - lower)
-            + segment(upper) - segment(lower))
+    return (
+        (geometry.stroke_length - 2.0 * geometry.platform_half_length) * (upper - lower)
+        + segment(upper)
+        - segment(lower)
+    )
 
 
-def measure(geometry: Geometry, good: Good = PAPER_GOOD, cells: int = CELLS) -> Workspace:
+def measure(
+    geometry: Geometry, good: Good = PAPER_GOOD, cells: int = CELLS
+) -> Workspace:
     """
     Measure the workspace by reach, order, gap and stroke, poses beyond N = 0 included.
 
@@ -171,17 +191,25 @@ def measure(geometry: Geometry, good: Good = PAPER_GOOD, cells: int = CELLS) -> 
     sums = np.zeros(3)
     for piece, least in enumerate((y_range(geometry)[0], 0.0)):
         y, weight = _nodes(least, geometry.link_length, cells)
-        lower, upper = (INSIDE * end[:, None] for end in _theta_intervals(geometry, y)[piece])
+        lower, upper = (
+            INSIDE * end[:, None] for end in _theta_intervals(geometry, y)[piece]
+        )
         span = np.maximum(0.0, upper - lower)
         if not span.any():
             continue
-        at = maps.pose_map(geometry, y[:, None], lower + span * np.sin(angle) ** 2,
-                                 good.characteristic_length)
+        at = maps.pose_map(
+            geometry,
+            y[:, None],
+            lower + span * np.sin(angle) ** 2,
+            good.characteristic_length,
+        )
         density = at.width * span * np.sin(2.0 * angle)
         volumes = 0.5 * (density[:, 1:] + density[:, :-1]) * angle[1]
         # With the sign of N the index is smooth where it vanishes: cells divide rightly there.
         index = np.copysign(at.conditioning, at.number)
-        is_good = _share_above(index - good.threshold) + _share_above(-good.threshold - index)
+        is_good = _share_above(index - good.threshold) + _share_above(
+            -good.threshold - index
+        )
         shares = np.ones_like(volumes), is_good, _share_above(-at.number)
         sums += [2.0 * weight @ (volumes * share).sum(axis=1) for share in shares]
     with np.errstate(invalid='ignore'):
@@ -208,7 +236,9 @@ def union_area(geometry: Geometry) -> float:
     lower, upper = union_ends(geometry, y[:, None], theta)
     mirrored_lower, mirrored_upper = union_ends(geometry, y[:, None], -theta)
     overlap = np.minimum(upper, mirrored_upper) - np.maximum(lower, mirrored_lower)
-    width = (upper - lower) + (mirrored_upper - mirrored_lower) - np.maximum(0.0, overlap)
+    width = (
+        (upper - lower) + (mirrored_upper - mirrored_lower) - np.maximum(0.0, overlap)
+    )
     return float(np.nan_to_num(width) @ weight)
 
 

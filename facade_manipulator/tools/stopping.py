@@ -31,7 +31,9 @@ from facade_manipulator.resources import machine_file
 
 COASTING = 1.87  # m/s²: 67 mm from 0.5 m/s, by friction and masses of the prototype
 SCATTER = 0.2  # share of the coasting deceleration, up or down: friction varies along the rail
-LOAD = 0.7  # deceleration with the heaviest load, as a share of that of an empty machine
+LOAD = (
+    0.7  # deceleration with the heaviest load, as a share of that of an empty machine
+)
 INPUT_SPREAD = 0.005  # s, maximum time between the quick-stop inputs of three drives
 RELAY_SPREAD = 0.01  # s, maximum time between their STO inputs
 SPEEDS = 5  # number of speeds in the table
@@ -41,14 +43,26 @@ _MM = 1e3
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 1 if the driver would reject these parameters."""
     parser = argparse.ArgumentParser(
-        prog='stopping', description='Print the distances that remain after a failure.')
-    parser.add_argument('parameters', type=Path, nargs='*', default=[machine_file()],
-                        help='parameter files, later files override; default: manipulator.yaml')
-    parser.add_argument('--coasting', type=above_zero, default=COASTING, metavar='M/S^2',
-                        help='mean deceleration without power (default: %(default)s)')
+        prog='stopping', description='Print the distances that remain after a failure.'
+    )
+    parser.add_argument(
+        'parameters',
+        type=Path,
+        nargs='*',
+        default=[machine_file()],
+        help='parameter files, later files override; default: manipulator.yaml',
+    )
+    parser.add_argument(
+        '--coasting',
+        type=above_zero,
+        default=COASTING,
+        metavar='M/S^2',
+        help='mean deceleration without power (default: %(default)s)',
+    )
     given = parser.parse_args(arguments)
-    return exit_status('stopping', lambda: print_table(
-        read_analysis(given.parameters), given.coasting))
+    return exit_status(
+        'stopping', lambda: print_table(read_analysis(given.parameters), given.coasting)
+    )
 
 
 def read_analysis(paths: Sequence[Path]) -> StoppingAnalysis:
@@ -56,8 +70,12 @@ def read_analysis(paths: Sequence[Path]) -> StoppingAnalysis:
     values = read_parameters(paths, 'driver')
     geometry = settings_from(Geometry, values, 'geometry')
     axes = read_axes(partial(settings_from, values=values), geometry.stroke)
-    return StoppingAnalysis(geometry, settings_from(MotionLimits, values, 'limits'), axes,
-                            settings_from(ControllerSettings, values, 'controller'))
+    return StoppingAnalysis(
+        geometry,
+        settings_from(MotionLimits, values, 'limits'),
+        axes,
+        settings_from(ControllerSettings, values, 'controller'),
+    )
 
 
 def remaining(
@@ -70,9 +88,13 @@ def remaining(
     with a deceleration [m/s²] after the lag of the drives and the spread of their inputs [s].
     """
     geometry, delay = analysis.geometry, analysis.controller.drive_lag + spread
-    start = max(analysis.separation.distance(speed), starting_distance(
-        geometry.carriage_gap, analysis.limits, speed, -speed))
-    return start - geometry.carriage_length - speed * (2.0 * delay + speed / deceleration)
+    start = max(
+        analysis.separation.distance(speed),
+        starting_distance(geometry.carriage_gap, analysis.limits, speed, -speed),
+    )
+    return (
+        start - geometry.carriage_length - speed * (2.0 * delay + speed / deceleration)
+    )
 
 
 def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
@@ -80,16 +102,22 @@ def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
     print(f'{"when":38}{"minimum distance":>16}{"safe from gap":>15}')
     for name, distance, gap in analysis.outcomes:
         print(f'{name:38}{_MM * distance:13.1f} mm{_MM * gap:12.1f} mm')
-    print(f'\nCarriages touch at {_MM * analysis.geometry.carriage_length:.1f} mm. The maximum '
-          f'overshoot beyond the stroke is {_MM * analysis.overshoot:.1f} mm.\n\n'
-          f'{"speed":>8}  {"from distance":>15}{"left by SS1-t":>16}{"left by STO":>14}')
-    stops = ((INPUT_SPREAD, LOAD * analysis.separation.deceleration),
-             (RELAY_SPREAD, (1.0 - SCATTER) * coasting))
+    print(
+        f'\nCarriages touch at {_MM * analysis.geometry.carriage_length:.1f} mm. The maximum '
+        f'overshoot beyond the stroke is {_MM * analysis.overshoot:.1f} mm.\n\n'
+        f'{"speed":>8}  {"from distance":>15}{"left by SS1-t":>16}{"left by STO":>14}'
+    )
+    stops = (
+        (INPUT_SPREAD, LOAD * analysis.separation.deceleration),
+        (RELAY_SPREAD, (1.0 - SCATTER) * coasting),
+    )
     for number in range(1, SPEEDS + 1):
         speed = analysis.limits.speed * number / SPEEDS
         left = [_MM * remaining(analysis, speed, *stop) for stop in stops]
-        print(f'{speed:4.2f} m/s  {_MM * analysis.separation.distance(speed):12.1f} mm'
-              f'{left[0]:13.1f} mm{left[1]:11.1f} mm')
+        print(
+            f'{speed:4.2f} m/s  {_MM * analysis.separation.distance(speed):12.1f} mm'
+            f'{left[0]:13.1f} mm{left[1]:11.1f} mm'
+        )
     print(f'SS1-t: STO follows {sto_delay(analysis):.2f} s after the quick-stop inputs')
     analysis.check()
 
@@ -97,7 +125,10 @@ def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
 def sto_delay(analysis: StoppingAnalysis) -> float:
     """Return the time from quick-stop inputs to STO [s]: all at rest with the heaviest load."""
     slowest = analysis.limits.speed / (LOAD * analysis.separation.deceleration)
-    return math.ceil(100.0 * (slowest + analysis.controller.drive_lag + INPUT_SPREAD)) / 100.0
+    return (
+        math.ceil(100.0 * (slowest + analysis.controller.drive_lag + INPUT_SPREAD))
+        / 100.0
+    )
 
 
 if __name__ == '__main__':

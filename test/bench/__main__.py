@@ -12,16 +12,22 @@ import kinematics  # noqa: E402
 import prediction  # noqa: E402
 import ros_nodes  # noqa: E402
 
-SECTIONS = {section.__name__: section for section in (kinematics, prediction, ros_nodes)}
-LINE = ('{name:70} {ours:9.4g} beside {competitor:9.4g} {unit:5} ratio {ratio:6.3g} (goal {goal}, '
-        'met: {met})')
+SECTIONS = {
+    section.__name__: section for section in (kinematics, prediction, ros_nodes)
+}
+LINE = (
+    '{name:70} {ours:9.4g} beside {competitor:9.4g} {unit:5} ratio {ratio:6.3g} (goal {goal}, '
+    'met: {met})'
+)
 
 
 def main():
     """Run the sections, print each row and write bench.json."""
     parser = argparse.ArgumentParser(prog='make bench', description=__doc__)
     parser.add_argument('--quick', action='store_true', help='few and short rounds')
-    parser.add_argument('--sections', nargs='+', choices=SECTIONS, default=list(SECTIONS))
+    parser.add_argument(
+        '--sections', nargs='+', choices=SECTIONS, default=list(SECTIONS)
+    )
     options = parser.parse_args()
     rows = []
     for name in options.sections:

@@ -13,20 +13,28 @@ import can
 HORIZON = 0.06  # s, of the stamps of poses and setpoints
 DRIVES = (1, 2, 3)
 # what drives send besides TPDO1: COB-ID, data, and in which cycles at 500 and at 100 Hz
-OTHERS = ((0x280, bytes(8), {500: 10, 100: 1}), (0x380, bytes(8), {500: 50, 100: 10}),
-          (0x700, b'\x05', {500: 25, 100: 5}))
+OTHERS = (
+    (0x280, bytes(8), {500: 10, 100: 1}),
+    (0x380, bytes(8), {500: 50, 100: 10}),
+    (0x700, b'\x05', {500: 25, 100: 5}),
+)
 
 
 def cpu_of(*words):
     """Return the processor time of the threads with one of these words in their name [s]."""
-    return sum(time.clock_gettime(time.pthread_getcpuclockid(one.ident))
-               for one in all_threads() if any(word in one.name for word in words))
+    return sum(
+        time.clock_gettime(time.pthread_getcpuclockid(one.ident))
+        for one in all_threads()
+        if any(word in one.name for word in words)
+    )
 
 
 def cpu_of_process(pid):
     """Return the processor time of a process [s]."""
-    return 1e-9 * sum(int(path.read_text().split()[0])
-                      for path in Path(f'/proc/{pid}/task').glob('*/schedstat'))
+    return 1e-9 * sum(
+        int(path.read_text().split()[0])
+        for path in Path(f'/proc/{pid}/task').glob('*/schedstat')
+    )
 
 
 def start(function, *arguments):
@@ -59,8 +67,11 @@ def send(bus, cob_id, data):
 
 def answer(rate):
     """Answer like three drives at their commanded positions, with minimum processor time."""
-    frames = {base + number: (every[rate], data) for base, data, every in OTHERS
-              for number in DRIVES}
+    frames = {
+        base + number: (every[rate], data)
+        for base, data, every in OTHERS
+        for number in DRIVES
+    }
     bus, count = open_bus(), 0
     for message in bus:
         if message.arbitration_id == 0x80:

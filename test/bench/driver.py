@@ -10,7 +10,9 @@ from facade_manipulator.nodes.run import run
 def launch(end):
     """Start the observed loop."""
     number = end.fileno()
-    return subprocess.Popen([sys.executable, '-m', 'loop', str(number)], pass_fds=[number])
+    return subprocess.Popen(
+        [sys.executable, '-m', 'loop', str(number)], pass_fds=[number]
+    )
 
 
 if __name__ == '__main__':

@@ -14,8 +14,14 @@ from facade_manipulator import kinematics
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
 
 L, B = 0.352, 0.348
-POSES = [Pose(0.1 * math.sin(0.7 * k), 0.25 + 0.03 * math.sin(1.3 * k), 0.1 * math.sin(2.1 * k))
-         for k in range(32)]
+POSES = [
+    Pose(
+        0.1 * math.sin(0.7 * k),
+        0.25 + 0.03 * math.sin(1.3 * k),
+        0.1 * math.sin(2.1 * k),
+    )
+    for k in range(32)
+]
 
 
 def inline_inverse(pose):
@@ -31,16 +37,23 @@ def inline_inverse(pose):
 def errors(q1, q2, x, y, theta):
     """Return the errors of both links' squared lengths [m²]."""
     rise, span = B * math.sin(theta), B * math.cos(theta)
-    return (x - span - q1) ** 2 + (y - rise) ** 2 - L * L, (
-        x + span - q2) ** 2 + (y + rise) ** 2 - L * L
+    return (x - span - q1) ** 2 + (y - rise) ** 2 - L * L, (x + span - q2) ** 2 + (
+        y + rise
+    ) ** 2 - L * L
 
 
 def scipy_inverse(pose):
     x, _, theta = pose
     span = B * math.cos(theta)
     q1, q2 = root(
-        lambda q: errors(q[0], q[1], *pose), (x - 0.1, x + 0.1), tol=1e-10,
-        jac=lambda q: ((-2.0 * (x - span - q[0]), 0.0), (0.0, -2.0 * (x + span - q[1])))).x
+        lambda q: errors(q[0], q[1], *pose),
+        (x - 0.1, x + 0.1),
+        tol=1e-10,
+        jac=lambda q: (
+            (-2.0 * (x - span - q[0]), 0.0),
+            (0.0, -2.0 * (x + span - q[1])),
+        ),
+    ).x
     return q1, q2, x
 
 
@@ -49,10 +62,14 @@ def scipy_forward(carriages):
 
     def slopes(u):
         rise, span = B * math.sin(u[1]), B * math.cos(u[1])
-        return ((2.0 * (u[0] - rise), 2.0 * (q3 - q1) * rise - 2.0 * u[0] * span),
-                (2.0 * (u[0] + rise), 2.0 * (q2 - q3) * rise + 2.0 * u[0] * span))
+        return (
+            (2.0 * (u[0] - rise), 2.0 * (q3 - q1) * rise - 2.0 * u[0] * span),
+            (2.0 * (u[0] + rise), 2.0 * (q2 - q3) * rise + 2.0 * u[0] * span),
+        )
 
-    y, theta = root(lambda u: errors(q1, q2, q3, *u), (0.25, 0.0), jac=slopes, tol=1e-10).x
+    y, theta = root(
+        lambda u: errors(q1, q2, q3, *u), (0.25, 0.0), jac=slopes, tol=1e-10
+    ).x
     return q3, y, theta
 
 
@@ -61,34 +78,63 @@ def numpy_jacobian(poses):
     _, y, theta = poses.T
     c, s = np.cos(theta), np.sin(theta)
     u1, u2 = y - B * s, y + B * s
-    s1, s2 = np.sqrt(L * L - u1 ** 2), np.sqrt(L * L - u2 ** 2)
+    s1, s2 = np.sqrt(L * L - u1**2), np.sqrt(L * L - u2**2)
     one, zero = np.ones(len(poses)), np.zeros(len(poses))
-    return np.array([[one, -u1 / s1, B * (u1 * c + s1 * s) / s1],
-                     [one, u2 / s2, B * (u2 * c - s2 * s) / s2],
-                     [one, zero, zero]]).transpose(2, 0, 1)
+    return np.array(
+        [
+            [one, -u1 / s1, B * (u1 * c + s1 * s) / s1],
+            [one, u2 / s2, B * (u2 * c - s2 * s) / s2],
+            [one, zero, zero],
+        ]
+    ).transpose(2, 0, 1)
 
 
 def timed(function, inputs, duration):
     """Return a function that measures the processor time of one call during some time [s]."""
-    run = partial(timeit, lambda: deque(map(function, inputs), 0), timer=time.process_time)
+    run = partial(
+        timeit, lambda: deque(map(function, inputs), 0), timer=time.process_time
+    )
     calls = math.ceil(10 * duration / run(number=10))
     return lambda _: (run(number=calls) / calls / len(inputs),)
 
 
 def rows(quick):
     """Compare each solution with its competitors, which must agree with it."""
-    inverse, forward, jacobian = (partial(function, Geometry()) for function in (
-        kinematics.inverse_kinematics, kinematics.forward_kinematics, kinematics.jacobian))
+    inverse, forward, jacobian = (
+        partial(function, Geometry())
+        for function in (
+            kinematics.inverse_kinematics,
+            kinematics.forward_kinematics,
+            kinematics.jacobian,
+        )
+    )
     joints = [Carriages(*inline_inverse(pose)) for pose in POSES]
     arrays = [np.array([pose]) for pose in POSES]
     for name, goal, ours, inputs, theirs, others in (
-            ('inverse with checks / inline math', '<= 2.5', inverse, POSES, inline_inverse, POSES),
-            ('inverse with checks / scipy root', '>= 40', inverse, POSES, scipy_inverse, POSES),
-            ('forward / scipy root', '>= 15', forward, joints, scipy_forward, joints),
-            ('Jacobian / numpy', '>= 12', jacobian, POSES, numpy_jacobian, arrays)):
+        (
+            'inverse with checks / inline math',
+            '<= 2.5',
+            inverse,
+            POSES,
+            inline_inverse,
+            POSES,
+        ),
+        (
+            'inverse with checks / scipy root',
+            '>= 40',
+            inverse,
+            POSES,
+            scipy_inverse,
+            POSES,
+        ),
+        ('forward / scipy root', '>= 15', forward, joints, scipy_forward, joints),
+        ('Jacobian / numpy', '>= 12', jacobian, POSES, numpy_jacobian, arrays),
+    ):
         for one, other in zip(inputs, others, strict=True):
             np.testing.assert_allclose(ours(one), np.squeeze(theirs(other)), atol=1e-6)
-        contenders = [timed(*side, 0.02 if quick else 0.15)
-                      for side in ((ours, inputs), (theirs, others))]
+        contenders = [
+            timed(*side, 0.02 if quick else 0.15)
+            for side in ((ours, inputs), (theirs, others))
+        ]
         (our_time,), (their_time,) = in_turns(contenders, 3 if quick else 9)
         yield row(f'K1 {name}', 'us', goal, our_time, their_time)

@@ -44,8 +44,10 @@ class ObservedLoop(program.ControlLoop):
 
     def _measure(self):
         channel = cpu_of('MainThread') + self._sending
-        return (channel + cpu_of_process(os.getppid()),
-                time.process_time() - cpu_of('answer') - channel)
+        return (
+            channel + cpu_of_process(os.getppid()),
+            time.process_time() - cpu_of('answer') - channel,
+        )
 
 
 if __name__ == '__main__':

@@ -13,13 +13,14 @@ from facade_manipulator.kinematics import MotionState, Pose, ZERO_TWIST
 from facade_manipulator.prediction.predictor import DisturbancePredictor
 
 INTERVAL, NOISE, AHEAD = 0.02, 1e-3, 0.12  # s; m, m and rad; s
-VARIANCES = 3 * [NOISE ** 2]
+VARIANCES = 3 * [NOISE**2]
 JERK_DENSITIES = 10.0 ** np.arange(-6.0, 2.0, 0.5)  # m²/s⁵ or rad²/s⁵
 TUNING_SEED = 1000
 TONES = (  # of x, y and yaw: amplitude [m, m, rad] and frequency [Hz]
     ((0.085, 0.127), (0.018, 0.311), (0.003, 0.83)),
     ((0.012, 0.173), (0.005, 0.412), (0.001, 0.91)),
-    ((0.03, 0.15), (0.008, 0.37), (0.0015, 0.7)))
+    ((0.03, 0.15), (0.008, 0.37), (0.0015, 0.7)),
+)
 
 
 class KalmanFilters:
@@ -28,7 +29,7 @@ class KalmanFilters:
     def __init__(self, densities):
         self._filters = [kinematic_kf(1, 2, INTERVAL) for _ in densities]
         for one, density in zip(self._filters, densities, strict=True):
-            one.R *= NOISE ** 2
+            one.R *= NOISE**2
             one.Q = Q_continuous_white_noise(3, INTERVAL, density)
 
     def update(self, stamp, pose, _):
@@ -39,23 +40,35 @@ class KalmanFilters:
 
     def predict(self, at):
         ahead = at - self._stamp
-        powers = np.array([1.0, ahead, 0.5 * ahead ** 2])
-        return MotionState(Pose(*((powers @ one.x).item() for one in self._filters)), ZERO_TWIST)
+        powers = np.array([1.0, ahead, 0.5 * ahead**2])
+        return MotionState(
+            Pose(*((powers @ one.x).item() for one in self._filters)), ZERO_TWIST
+        )
 
 
 def tones(seed, interval):
     """Return three tones along each axis for two minutes, phases by the seed, shape (n, 3)."""
     phase = np.random.default_rng(seed).random
     times = interval * np.arange(round(120.0 / interval))
-    return np.transpose([sum(
-        amplitude * np.sin(math.tau * (frequency * times + phase()))
-        for amplitude, frequency in axis) for axis in TONES])
+    return np.transpose(
+        [
+            sum(
+                amplitude * np.sin(math.tau * (frequency * times + phase()))
+                for amplitude, frequency in axis
+            )
+            for axis in TONES
+        ]
+    )
 
 
 def errors(make, source, quick, seed):
     """Return RMS errors of x, y and yaw by the noise, and the time [s] for an estimate."""
     settled, end = (500, 750) if quick else (1000, 3500)
-    predictor, signal, random = make(), source(seed, INTERVAL), np.random.default_rng(seed)
+    predictor, signal, random = (
+        make(),
+        source(seed, INTERVAL),
+        np.random.default_rng(seed),
+    )
     measured = signal[:end] + NOISE * random.standard_normal((end, 3))
     squares, cost = [], 0.0
     for number, values in enumerate(measured.tolist()):
@@ -65,7 +78,9 @@ def errors(make, source, quick, seed):
         predictor.predict(stamp + AHEAD + 0.01)  # as the compensator does at 100 Hz
         if number >= settled:
             cost += time.process_time() - begin
-            squares.append(np.subtract(expected, signal[number + round(AHEAD / INTERVAL)]) ** 2)
+            squares.append(
+                np.subtract(expected, signal[number + round(AHEAD / INTERVAL)]) ** 2
+            )
     return *np.sqrt(np.mean(squares, axis=0)) / NOISE, cost / len(squares)
 
 
@@ -73,18 +88,40 @@ def rows(quick):
     """Compare cost and errors on the same samples of both signals."""
     ours = DisturbancePredictor
     for source, goal in ((gusts, '<= 0.85'), (tones, '<= 0.3')):
-        *found, _ = np.transpose([
-            errors(partial(KalmanFilters, 3 * [density]), source, quick, TUNING_SEED)
-            for density in JERK_DENSITIES])
+        *found, _ = np.transpose(
+            [
+                errors(
+                    partial(KalmanFilters, 3 * [density]), source, quick, TUNING_SEED
+                )
+                for density in JERK_DENSITIES
+            ]
+        )
         tuned = partial(KalmanFilters, JERK_DENSITIES[np.argmin(found, axis=1)])
         (*our_errors, our_cost), (*their_errors, their_cost) = in_turns(
-            [partial(errors, make, source, quick) for make in (ours, tuned)], 1 if quick else 7)
+            [partial(errors, make, source, quick) for make in (ours, tuned)],
+            1 if quick else 7,
+        )
         error = np.linalg.norm(our_errors)
         name = f'error 0.12 s ahead in {source.__name__}'
-        yield row(f'P1 {name} / tuned filters of filterpy', 'sigma', goal, error,
-                  np.linalg.norm(their_errors))
+        yield row(
+            f'P1 {name} / tuned filters of filterpy',
+            'sigma',
+            goal,
+            error,
+            np.linalg.norm(their_errors),
+        )
         if source is gusts:
-            yield row(f'P2 {name} / information bound', 'sigma', '<= 1.15', error,
-                      np.linalg.norm(bound(INTERVAL, NOISE, AHEAD)) / NOISE)
-    yield row('P1 estimate learnt and two predictions / three filters of filterpy', 'us', '<= 2',
-              our_cost, their_cost)
+            yield row(
+                f'P2 {name} / information bound',
+                'sigma',
+                '<= 1.15',
+                error,
+                np.linalg.norm(bound(INTERVAL, NOISE, AHEAD)) / NOISE,
+            )
+    yield row(
+        'P1 estimate learnt and two predictions / three filters of filterpy',
+        'us',
+        '<= 2',
+        our_cost,
+        their_cost,
+    )

@@ -20,7 +20,9 @@ from facade_manipulator.resources import config_path
 
 STANDING = (-0.1, 0.1, 0.0)  # m, the home position; the head is near (0, 0.25, 0) there
 COMMAND = (0x0F, 8, 1000)  # controlword, mode and target [counts]
-TOPICS = {one.name: one for one in vars(topics).values() if isinstance(one, topics.Topic)}
+TOPICS = {
+    one.name: one for one in vars(topics).values() if isinstance(one, topics.Topic)
+}
 
 
 def ticks(rate):
@@ -109,7 +111,11 @@ class Role(Node):
         ahead = HORIZON * (name in ('corrected_pose', 'joint_setpoints'))
         pose = getattr(message, 'pose', None)
         if pose is None:
-            message.name, message.position, message.velocity = CARRIAGES, STANDING, (0.0,) * 3
+            message.name, message.position, message.velocity = (
+                CARRIAGES,
+                STANDING,
+                (0.0,) * 3,
+            )
         elif name == 'disturbance':
             pose.covariance[[0, 7, 35]] = 1e-6
         else:
@@ -117,7 +123,9 @@ class Role(Node):
 
         def publish(relayed=None):
             now = time.time()
-            message.header.stamp = relayed.header.stamp if relayed else stamp(now + ahead)
+            message.header.stamp = (
+                relayed.header.stamp if relayed else stamp(now + ahead)
+            )
             if pose is None and not relayed:
                 message.position = [place + 0.005 * math.sin(now) for place in STANDING]
                 message.velocity = 3 * [0.005 * math.cos(now)]

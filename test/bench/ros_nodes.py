@@ -18,10 +18,18 @@ PATIENCE = 90.0  # s, for one measurement
 # words of an empty process that replaces a node or several nodes
 COMPENSATOR = 'goal_pose> end_effector_pose> disturbance> {}>corrected_pose'
 IK_SERVICE = 'corrected_pose>joint_setpoints joint_states>end_effector_pose'
-DEPLOYMENT = 'goal_pose> disturbance> 100>joint_setpoints joint_states>end_effector_pose'
+DEPLOYMENT = (
+    'goal_pose> disturbance> 100>joint_setpoints joint_states>end_effector_pose'
+)
 DRIVER = '{}>python_can 100>joint_states joint_setpoints>!'
 SWAY = '2>goal_pose {}>disturbance 100>joint_states joint_setpoints>'  # feeds a compensator
-UNITS = {'p50': 'us', 'CPU': '%', 'cycle': 'us', 'whole CPU': '%', 'memory': 'MiB'}  # of figures
+UNITS = {
+    'p50': 'us',
+    'CPU': '%',
+    'cycle': 'us',
+    'whole CPU': '%',
+    'memory': 'MiB',
+}  # of figures
 
 
 def role(words, executor='events'):
@@ -31,15 +39,25 @@ def role(words, executor='events'):
 
 def node(module, *parameters):
     """Return the command of a node of the package."""
-    return (module, '--ros-args', '-r', '__ns:=/bench',
-            *(word for one in parameters for word in ('-p', one)))
+    return (
+        module,
+        '--ros-args',
+        '-r',
+        '__ns:=/bench',
+        *(word for one in parameters for word in ('-p', one)),
+    )
 
 
 def driver(rate):
     """Return the command of a driver that does not stop where the computer is busy."""
-    return node('driver', 'simulate_drives:=true', 'bus.channel:=bench',
-                f'controller.rate:={rate}', 'controller.max_missed_cycles:=10',
-                'controller.heartbeat_timeout:=0.5')
+    return node(
+        'driver',
+        'simulate_drives:=true',
+        'bus.channel:=bench',
+        f'controller.rate:={rate}',
+        'controller.max_missed_cycles:=10',
+        'controller.heartbeat_timeout:=0.5',
+    )
 
 
 NODES = 'facade_manipulator.nodes.'
@@ -48,31 +66,62 @@ MOVING = role('100>joint_setpoints joint_states>')
 #: name, bounds of the figures, processes of both sides without the last, and the last process,
 #: which feeds the others; the first process of a side reports
 LAYOUTS = (
-    ('R1 compensator at 100 Hz / empty relay', {'CPU': '<= 1.8', 'p50': '<= 1.3'},
-     (POSES, node(NODES + 'compensator')), (POSES, role(COMPENSATOR.format(100))),
-     role(SWAY.format(100))),
-    ('R1 ik_service at 100 Hz / empty relay', {'CPU': '<= 1.2', 'p50': '<= 1.15'},
-     (SETPOINTS, node(NODES + 'ik_service')), (SETPOINTS, role(IK_SERVICE)),
-     role('100>corrected_pose 100>joint_states joint_setpoints>')),
-    ('R1 driver at 100 Hz / empty relay', {'CPU': '<= 1.9', 'p50': '<= 1.6'},
-     (driver(500),), (role(DRIVER.format(500)),), MOVING),
-    ('C1 whole cycle at 500 Hz / bare exchange on canopen', {'cycle': '<= 1.3'},
-     (driver(500),), (role('500>canopen joint_setpoints>!'),), MOVING),
-    ('R2 deployment at 500 Hz / three SingleThreadedExecutor relays', {'p50': '<= 0.4'},
-     (SETPOINTS, node(NODES + 'manipulator', 'rate:=500.0')),
-     (role('joint_setpoints>!', 'single'), role(COMPENSATOR.format(500), 'single'),
-      role(IK_SERVICE, 'single')), role(SWAY.format(500))),
-    ('S1 whole stack at 100 Hz / empty nodes and python-can',
-     {'whole CPU': '<= 1.45', 'memory': '<= 1.15'},
-     (driver(100), node(NODES + 'manipulator')), (role(DRIVER.format(100)), role(DEPLOYMENT)),
-     role('2>goal_pose 100>disturbance')))
+    (
+        'R1 compensator at 100 Hz / empty relay',
+        {'CPU': '<= 1.8', 'p50': '<= 1.3'},
+        (POSES, node(NODES + 'compensator')),
+        (POSES, role(COMPENSATOR.format(100))),
+        role(SWAY.format(100)),
+    ),
+    (
+        'R1 ik_service at 100 Hz / empty relay',
+        {'CPU': '<= 1.2', 'p50': '<= 1.15'},
+        (SETPOINTS, node(NODES + 'ik_service')),
+        (SETPOINTS, role(IK_SERVICE)),
+        role('100>corrected_pose 100>joint_states joint_setpoints>'),
+    ),
+    (
+        'R1 driver at 100 Hz / empty relay',
+        {'CPU': '<= 1.9', 'p50': '<= 1.6'},
+        (driver(500),),
+        (role(DRIVER.format(500)),),
+        MOVING,
+    ),
+    (
+        'C1 whole cycle at 500 Hz / bare exchange on canopen',
+        {'cycle': '<= 1.3'},
+        (driver(500),),
+        (role('500>canopen joint_setpoints>!'),),
+        MOVING,
+    ),
+    (
+        'R2 deployment at 500 Hz / three SingleThreadedExecutor relays',
+        {'p50': '<= 0.4'},
+        (SETPOINTS, node(NODES + 'manipulator', 'rate:=500.0')),
+        (
+            role('joint_setpoints>!', 'single'),
+            role(COMPENSATOR.format(500), 'single'),
+            role(IK_SERVICE, 'single'),
+        ),
+        role(SWAY.format(500)),
+    ),
+    (
+        'S1 whole stack at 100 Hz / empty nodes and python-can',
+        {'whole CPU': '<= 1.45', 'memory': '<= 1.15'},
+        (driver(100), node(NODES + 'manipulator')),
+        (role(DRIVER.format(100)), role(DEPLOYMENT)),
+        role('2>goal_pose 100>disturbance'),
+    ),
+)
 
 
 def memory_of(pid):
     """Return the private memory of a process [bytes]."""
     return 1024.0 * sum(
-        int(line.split()[1]) for line in Path(f'/proc/{pid}/smaps_rollup').read_text().splitlines()
-        if line.startswith('Private'))
+        int(line.split()[1])
+        for line in Path(f'/proc/{pid}/smaps_rollup').read_text().splitlines()
+        if line.startswith('Private')
+    )
 
 
 def measure(quick, commands, _):
@@ -83,24 +132,45 @@ def measure(quick, commands, _):
     cycle at 500 Hz [s], the whole processor time [s/s], and the memory [bytes] of all processes
     except the last.
     """
-    with free_domain() as domain, TemporaryDirectory() as folder, limited('it', PATIENCE):
-        start = partial(Processes(Path(folder)).start, text=True, stdout=subprocess.PIPE, env={
-            'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            'PYTHONPATH': str(Path(__file__).parent),
-            'BENCH_TIMES': '0.3 0.8' if quick else '1.0 4.0'})
+    with (
+        free_domain() as domain,
+        TemporaryDirectory() as folder,
+        limited('it', PATIENCE),
+    ):
+        start = partial(
+            Processes(Path(folder)).start,
+            text=True,
+            stdout=subprocess.PIPE,
+            env={
+                'ROS_DOMAIN_ID': str(domain),
+                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                'PYTHONPATH': str(Path(__file__).parent),
+                'BENCH_TIMES': '0.3 0.8' if quick else '1.0 4.0',
+            },
+        )
         running = [start(*command) for command in commands]
         samples = []
         try:
             for _ in range(2):
                 # Fast DDS may write other lines
-                latencies, cpu, cycle = json.loads(next(
-                    line for line in running[0].stdout if line.startswith('[')))
+                latencies, cpu, cycle = json.loads(
+                    next(line for line in running[0].stdout if line.startswith('['))
+                )
                 cpu += sum(cpu_of_process(one.pid) for one in running[1:-1])
                 samples.append((time.monotonic(), cpu, cycle))
-            elapsed, cpu, cycle = (end - begin for begin, end in zip(*samples, strict=True))
-            pids = [pid for one in running[:-1] for pid in (one.pid, *children(one.pid))]
-            return (median(latencies), cpu / elapsed, cycle / elapsed / 500.0,
-                    (cpu + cycle) / elapsed, sum(map(memory_of, pids)))
+            elapsed, cpu, cycle = (
+                end - begin for begin, end in zip(*samples, strict=True)
+            )
+            pids = [
+                pid for one in running[:-1] for pid in (one.pid, *children(one.pid))
+            ]
+            return (
+                median(latencies),
+                cpu / elapsed,
+                cycle / elapsed / 500.0,
+                (cpu + cycle) / elapsed,
+                sum(map(memory_of, pids)),
+            )
         finally:
             for one in running:
                 one.send_signal(signal.SIGINT)
@@ -111,8 +181,12 @@ def measure(quick, commands, _):
 def rows(quick):
     """Compare both sides of one layout after another."""
     for name, goals, ours, theirs, feeder in LAYOUTS:
-        sides = in_turns([partial(measure, quick, (*side, feeder)) for side in (ours, theirs)],
-                         1 if quick else 7)
+        sides = in_turns(
+            [partial(measure, quick, (*side, feeder)) for side in (ours, theirs)],
+            1 if quick else 7,
+        )
         for figure, goal in goals.items():
             index = list(UNITS).index(figure)
-            yield row(f'{name}: {figure}', UNITS[figure], goal, *(one[index] for one in sides))
+            yield row(
+                f'{name}: {figure}', UNITS[figure], goal, *(one[index] for one in sides)
+            )

@@ -2,7 +2,12 @@
 
 from statistics import median
 
-FACTORS = {'us': 1e6, '%': 100.0, 'MiB': 2.0 ** -20, 'sigma': 1.0}  # from seconds, shares, bytes
+FACTORS = {
+    'us': 1e6,
+    '%': 100.0,
+    'MiB': 2.0**-20,
+    'sigma': 1.0,
+}  # from seconds, shares, bytes
 
 
 def row(name, unit, goal, ours, competitor):
@@ -15,8 +20,15 @@ def row(name, unit, goal, ours, competitor):
     sign, bound = goal.split()
     ratio = float(ours / competitor if sign == '<=' else competitor / ours)
     ours, competitor = (float(FACTORS[unit] * figure) for figure in (ours, competitor))
-    return {'name': name, 'ours': ours, 'competitor': competitor, 'unit': unit, 'ratio': ratio,
-            'goal': goal, 'met': ratio <= float(bound) if sign == '<=' else ratio >= float(bound)}
+    return {
+        'name': name,
+        'ours': ours,
+        'competitor': competitor,
+        'unit': unit,
+        'ratio': ratio,
+        'goal': goal,
+        'met': ratio <= float(bound) if sign == '<=' else ratio >= float(bound),
+    }
 
 
 def in_turns(contenders, rounds):

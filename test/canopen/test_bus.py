@@ -57,8 +57,10 @@ def wire(monkeypatch):
 @pytest.fixture
 def pair(request):
     """Return a virtual bus, and the python-can bus of the other end."""
-    ends = [can.Bus(interface='virtual', channel=request.node.name, ignore_config=True)
-            for _ in range(2)]
+    ends = [
+        can.Bus(interface='virtual', channel=request.node.name, ignore_config=True)
+        for _ in range(2)
+    ]
     ends[1].preserve_timestamps = True
     bus = CanBus(ends[0])
     yield bus, ends[1]
@@ -68,11 +70,18 @@ def pair(request):
 
 # --- receiving and sending
 
-@pytest.mark.parametrize(('cob_id', 'data'), [(0, b'\x01\x02'), (0x7FF, bytes(8)), (0x80, b'')])
+
+@pytest.mark.parametrize(
+    ('cob_id', 'data'), [(0, b'\x01\x02'), (0x7FF, bytes(8)), (0x80, b'')]
+)
 def test_frame_arrives_as_sent_with_its_time(wire, cob_id, data):
     bus, far = wire
     bus.send(cob_id, data)
-    assert struct.unpack('=IB3x8s', far.recv(100)) == (cob_id, len(data), data.ljust(8, b'\0'))
+    assert struct.unpack('=IB3x8s', far.recv(100)) == (
+        cob_id,
+        len(data),
+        data.ljust(8, b'\0'),
+    )
     before, stamp = time.monotonic(), time.time()
     far.send(frame(cob_id, data))
     received = bus.receive(1.0)
@@ -82,10 +91,15 @@ def test_frame_arrives_as_sent_with_its_time(wire, cob_id, data):
     assert (bus.statistics.sent, bus.statistics.received) == (1, 1)
 
 
-@pytest.mark.parametrize(('content', 'counted'), [
-    (frame(EXTENDED | 0x181, b'abc'), 'ignored'), (frame(REMOTE | 0x181), 'ignored'),
-    (frame(0x181, b'abc') + bytes(56), 'ignored'),  # CAN FD
-    (frame(ERROR | 0x004, bytes(8)), 'error_frames')])
+@pytest.mark.parametrize(
+    ('content', 'counted'),
+    [
+        (frame(EXTENDED | 0x181, b'abc'), 'ignored'),
+        (frame(REMOTE | 0x181), 'ignored'),
+        (frame(0x181, b'abc') + bytes(56), 'ignored'),  # CAN FD
+        (frame(ERROR | 0x004, bytes(8)), 'error_frames'),
+    ],
+)
 def test_frame_of_another_kind_is_counted_and_dropped(wire, content, counted):
     bus, far = wire
     far.send(content)
@@ -96,17 +110,21 @@ def test_frame_of_another_kind_is_counted_and_dropped(wire, content, counted):
 @pytest.mark.parametrize('bus', ['wire', 'pair'])
 def test_receive_times_out_although_the_system_clock_is_set(request, monkeypatch, bus):
     bus, _ = request.getfixturevalue(bus)
-    monkeypatch.setattr(can.bus, 'time', Mock(side_effect=range(0, -10**6, -3600)))
+    monkeypatch.setattr(can.bus, 'time', Mock(side_effect=range(0, -(10**6), -3600)))
     begin = time.monotonic()
     assert bus.receive(0.05) is None and bus.receive(-1.0) is None
     assert 0.05 <= time.monotonic() - begin < 0.5
 
 
-@pytest.mark.parametrize(('age', 'is_kept'), [
-    (0.5, True), (8.0, True), (12.0, False), (3600.0, False), (-3600.0, False)])
+@pytest.mark.parametrize(
+    ('age', 'is_kept'),
+    [(0.5, True), (8.0, True), (12.0, False), (3600.0, False), (-3600.0, False)],
+)
 def test_frame_keeps_its_age_unless_the_clock_was_set(pair, age, is_kept):
     bus, other = pair
-    other.send(can.Message(arbitration_id=1, is_extended_id=False, timestamp=time.time() - age))
+    other.send(
+        can.Message(arbitration_id=1, is_extended_id=False, timestamp=time.time() - age)
+    )
     before = time.monotonic()
     received = bus.receive(1.0).time
     assert (before - received > 0.9 * age) if is_kept else before <= received
@@ -121,18 +139,30 @@ def test_virtual_frame_carries_the_time_of_its_content(pair):
 def test_kernel_filters_the_frames_of_interest(wire):
     bus, _ = wire
     bus.listen_to((0x181, 0x701))
-    frames = ((0x181, False), (0x701, False), (0x182, False), (0x181, True), (0x18000181, True))
-    assert [one for one in frames if bus._bus._matches_filters(
-        can.Message(arbitration_id=one[0], is_extended_id=one[1]))] == list(frames[:2])
+    frames = (
+        (0x181, False),
+        (0x701, False),
+        (0x182, False),
+        (0x181, True),
+        (0x18000181, True),
+    )
+    assert [
+        one
+        for one in frames
+        if bus._bus._matches_filters(
+            can.Message(arbitration_id=one[0], is_extended_id=one[1])
+        )
+    ] == list(frames[:2])
 
 
 # --- SYNC
+
 
 def test_kernel_sends_sync_until_it_is_stopped(pair, monkeypatch):
     bus, _ = pair
     monkeypatch.setattr(bus._bus, 'send_periodic', kernel := Mock())
     bus.start_sync(0.01)
-    (message, period), = (call.args for call in kernel.mock_calls)
+    ((message, period),) = (call.args for call in kernel.mock_calls)
     assert (message.arbitration_id, bytes(message.data), period) == (0x080, b'', 0.01)
     assert not message.is_extended_id
     bus.stop_sync()
@@ -143,21 +173,38 @@ def test_kernel_sends_sync_until_it_is_stopped(pair, monkeypatch):
 def test_kernel_without_broadcast_manager_leaves_sync_to_the_loop(wire, monkeypatch):
     bus, far = wire
     assert bus.has_kernel_sync and bus.sync_note == ''
-    monkeypatch.setattr(bus_module, 'create_bcm_socket', Mock(
-        side_effect=OSError(errno.EPROTONOSUPPORT, 'Protocol not supported')))
+    monkeypatch.setattr(
+        bus_module,
+        'create_bcm_socket',
+        Mock(side_effect=OSError(errno.EPROTONOSUPPORT, 'Protocol not supported')),
+    )
     bus = CanBus(DatagramBus(far))
     assert not bus.has_kernel_sync and 'modprobe can-bcm' in bus.sync_note
 
 
 # --- trouble
 
-@pytest.mark.parametrize(('error', 'kind', 'reason'), [
-    (can.CanOperationError('Failed to transmit', errno.ENOBUFS), BusCongestedError,
-     'no node acknowledges'),
-    (can.CanOperationError('Transmit buffer full'), BusCongestedError, 'send queue is full'),
-    (OSError(errno.ENODEV, 'No such device'), BusError, 'No such device'),
-    (ValueError('negative'), BusError, 'negative')])
-def test_interface_error_is_raised_by_send_and_receive(pair, monkeypatch, error, kind, reason):
+
+@pytest.mark.parametrize(
+    ('error', 'kind', 'reason'),
+    [
+        (
+            can.CanOperationError('Failed to transmit', errno.ENOBUFS),
+            BusCongestedError,
+            'no node acknowledges',
+        ),
+        (
+            can.CanOperationError('Transmit buffer full'),
+            BusCongestedError,
+            'send queue is full',
+        ),
+        (OSError(errno.ENODEV, 'No such device'), BusError, 'No such device'),
+        (ValueError('negative'), BusError, 'negative'),
+    ],
+)
+def test_interface_error_is_raised_by_send_and_receive(
+    pair, monkeypatch, error, kind, reason
+):
     bus, _ = pair
     with monkeypatch.context() as patch:
         for name in ('send', '_recv_internal', 'shutdown'):
@@ -181,21 +228,34 @@ def test_full_socket_is_reported_as_congestion_at_once(monkeypatch):
 def test_bus_off_is_a_bus_error_with_its_remedy(wire):
     bus, far = wire
     far.send(frame(ERROR | 0x040, bytes(8)))
-    with pytest.raises(BusError, match='can9: the controller is bus-off.*can9 type can restart'):
+    with pytest.raises(
+        BusError, match='can9: the controller is bus-off.*can9 type can restart'
+    ):
         bus.receive(1.0)
     assert bus.statistics.condition == 'off'
 
 
-@pytest.mark.parametrize(('error_class', 'bits', 'condition', 'overflows'), [
-    (0x004, 0x10, 'passive', 0), (0x004, 0x20, 'passive', 0),
-    (0x004, 0x08, 'warning', 0), (0x004, 0x04, 'warning', 0),
-    (0x004, 0x01, 'active', 1), (0x200, 0x11, 'active', 0)])
+@pytest.mark.parametrize(
+    ('error_class', 'bits', 'condition', 'overflows'),
+    [
+        (0x004, 0x10, 'passive', 0),
+        (0x004, 0x20, 'passive', 0),
+        (0x004, 0x08, 'warning', 0),
+        (0x004, 0x04, 'warning', 0),
+        (0x004, 0x01, 'active', 1),
+        (0x200, 0x11, 'active', 0),
+    ],
+)
 def test_error_frame_reports_the_controller_until_it_recovers(
-        wire, error_class, bits, condition, overflows):
+    wire, error_class, bits, condition, overflows
+):
     bus, far = wire
     far.send(frame(ERROR | error_class, bytes([0, bits, 0, 0, 0, 0, 0, 0])))
     assert bus.receive(1.0) is None
-    assert (bus.statistics.condition, bus.statistics.overflows) == (condition, overflows)
+    assert (bus.statistics.condition, bus.statistics.overflows) == (
+        condition,
+        overflows,
+    )
     for recovery in (frame(ERROR | 0x004, bytes([0, 0x40])), frame(ERROR | 0x100)):
         far.send(recovery)
         bus.receive(1.0)
@@ -204,27 +264,48 @@ def test_error_frame_reports_the_controller_until_it_recovers(
 
 # --- the interface
 
+
 @pytest.fixture
 def interface(tmp_path, monkeypatch):
     """Make can0 in a replacement of /sys with its flags, and an iproute2 that runs a command."""
+
     def make(flags, command):
         (tmp_path / 'can0').mkdir()
         (tmp_path / 'can0/flags').write_text(f'{flags}\n')
         (tmp_path / 'ip').write_text(
-            f'#!/bin/sh\n[ "$*" = "-json -details link show dev can0" ] && {command}\n')
+            f'#!/bin/sh\n[ "$*" = "-json -details link show dev can0" ] && {command}\n'
+        )
         (tmp_path / 'ip').chmod(0o755)
+
     monkeypatch.setattr(link, '_SYSTEM', tmp_path)
     monkeypatch.setenv('PATH', str(tmp_path))
     return make
 
 
-@pytest.mark.parametrize(('channel', 'flags', 'state', 'bitrate', 'message'), [
-    ('can7', '0x1', 'ERROR-ACTIVE', MEGABIT, 'CAN interface can7 is missing'),
-    ('can0', '0x0', 'ERROR-ACTIVE', MEGABIT, 'sudo ip link set can0 up type can bitrate 1000000'),
-    ('can0', '0x1', 'ERROR-ACTIVE', 500_000, '500000 bit/s, not at 1000000 bit/s'),
-    ('can0', '0x1', 'BUS-OFF', MEGABIT, 'is bus-off.*sudo ip link set can0 type can restart')])
+@pytest.mark.parametrize(
+    ('channel', 'flags', 'state', 'bitrate', 'message'),
+    [
+        ('can7', '0x1', 'ERROR-ACTIVE', MEGABIT, 'CAN interface can7 is missing'),
+        (
+            'can0',
+            '0x0',
+            'ERROR-ACTIVE',
+            MEGABIT,
+            'sudo ip link set can0 up type can bitrate 1000000',
+        ),
+        ('can0', '0x1', 'ERROR-ACTIVE', 500_000, '500000 bit/s, not at 1000000 bit/s'),
+        (
+            'can0',
+            '0x1',
+            'BUS-OFF',
+            MEGABIT,
+            'is bus-off.*sudo ip link set can0 type can restart',
+        ),
+    ],
+)
 def test_unusable_interface_is_rejected_with_its_reason(
-        interface, channel, flags, state, bitrate, message):
+    interface, channel, flags, state, bitrate, message
+):
     details = {'state': state, 'bittiming': {'bitrate': bitrate}}
     interface(flags, f"echo '{json.dumps([{'linkinfo': {'info_data': details}}])}'")
     with pytest.raises(BusError, match=message):
@@ -232,7 +313,9 @@ def test_unusable_interface_is_rejected_with_its_reason(
 
 
 @pytest.mark.parametrize('command', ['exit 1', 'echo "[]"', 'echo words', None])
-def test_interface_without_controller_details_is_missing_until_up(interface, tmp_path, command):
+def test_interface_without_controller_details_is_missing_until_up(
+    interface, tmp_path, command
+):
     bus = BusSettings(interface='socketcan', channel='can0')
     assert bus.missing() == 'the CAN interface can0 is missing or down'
     interface('0x80', command)

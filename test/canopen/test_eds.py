@@ -44,13 +44,28 @@ def test_incorrect_data_sheet_is_read_as_intended(tmp_path, encoding):
     path.write_text(CARELESS, encoding=encoding)
     dictionary = read_dictionary(path)
     number, text = dictionary[0x2000], dictionary[0x2001]
-    assert (number.name, number.min, number.max, number.default) == ('Größe', None, 0xFF, 10)
+    assert (number.name, number.min, number.max, number.default) == (
+        'Größe',
+        None,
+        0xFF,
+        10,
+    )
     assert text.default == 'CAFE' and 0x2002 not in dictionary
 
 
-@pytest.mark.parametrize(('text', 'value'), [
-    ('7', 7), ('0x1A', 26), ('1A', 26), ('0006', 6), ('017', 15), ('0019', 19), ('0', 0),
-    ('-1', -1)])
+@pytest.mark.parametrize(
+    ('text', 'value'),
+    [
+        ('7', 7),
+        ('0x1A', 26),
+        ('1A', 26),
+        ('0006', 6),
+        ('017', 15),
+        ('0019', 19),
+        ('0', 0),
+        ('-1', -1),
+    ],
+)
 def test_number_is_decimal_hexadecimal_or_octal(tmp_path, text, value):
     path = tmp_path / 'numbers.eds'
     path.write_text(CARELESS.replace('=0A', f'={text}'), 'utf-8')
@@ -60,13 +75,25 @@ def test_number_is_decimal_hexadecimal_or_octal(tmp_path, text, value):
 def contents(path):
     """Return the entries of each variable in a file."""
     return {
-        key: (one.data_type, one.access_type, one.min, one.max, one.default, one.pdo_mappable)
-        for key, one in variables(read_dictionary(path, node_id=3)).items()}
+        key: (
+            one.data_type,
+            one.access_type,
+            one.min,
+            one.max,
+            one.default,
+            one.pdo_mappable,
+        )
+        for key, one in variables(read_dictionary(path, node_id=3)).items()
+    }
 
 
 HABITS = {
-    'capitals': lambda text: re.sub(r'(?m)^(\[?\w+)(?==|\])', lambda m: m[1].upper(), text),
-    'small letters': lambda text: re.sub(r'(?m)^(\[?\w+)(?==|\])', lambda m: m[1].lower(), text),
+    'capitals': lambda text: re.sub(
+        r'(?m)^(\[?\w+)(?==|\])', lambda m: m[1].upper(), text
+    ),
+    'small letters': lambda text: re.sub(
+        r'(?m)^(\[?\w+)(?==|\])', lambda m: m[1].lower(), text
+    ),
     'tabs': lambda text: re.sub(r'(?m)^(\w+)=(.*)', '\t\\1\t=\t\\2\t; note', text),
     'zeros': lambda text: re.sub(r'sub(?=\d\])', 'sub0', text),
     'old line ends': lambda text: text.replace('\n', '\r'),
@@ -84,16 +111,21 @@ def test_makers_deviations_leave_the_dictionary_unchanged(tmp_path, habit):
     assert contents(path) == contents(original)
 
 
-@pytest.mark.parametrize(('text', 'reason'), [
-    ('just words', '.*no section headers.*line: 1'),
-    ('[2000]\nObjectType=7\nDataType', '.*line +3.*DataType'),
-    ('[2000]\nDataType=seven', "invalid literal .*'seven'"),
-    ('[2000]\nDataType=5\n\n[2000]\ndatatype=0x06', '.*line +4.*2000'),
-    ('[2000]\nHighLimit=5\nHighLimit=6', '.*line +3.*HighLimit'),
-    ('[Tools]\nA=1', 'it has no objects')])
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('just words', '.*no section headers.*line: 1'),
+        ('[2000]\nObjectType=7\nDataType', '.*line +3.*DataType'),
+        ('[2000]\nDataType=seven', "invalid literal .*'seven'"),
+        ('[2000]\nDataType=5\n\n[2000]\ndatatype=0x06', '.*line +4.*2000'),
+        ('[2000]\nHighLimit=5\nHighLimit=6', '.*line +3.*HighLimit'),
+        ('[Tools]\nA=1', 'it has no objects'),
+    ],
+)
 def test_unreadable_data_sheet_is_rejected_with_its_reason(tmp_path, text, reason):
     path = tmp_path / 'words.eds'
     path.write_text(text)
-    with pytest.raises(ParameterError, match=(
-            f'words.eds is not a readable EDS or DCF: {reason}')):
+    with pytest.raises(
+        ParameterError, match=(f'words.eds is not a readable EDS or DCF: {reason}')
+    ):
         read_dictionary(path)

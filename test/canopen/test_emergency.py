@@ -7,23 +7,45 @@ from facade_manipulator.canopen.emergency import Fault, fault
 CODES = st.integers(0x100, 0xFFFF)  # of faults
 
 
-@pytest.mark.parametrize('code, words', [
-    (0x8611, 'following error'), (0x8A81, 'positive limit switch'),
-    (0x8A82, 'software position limit'), (0x8A83, 'at a limit'), (0x8110, 'lost CAN frames'),
-    (0x81AB, 'communication'), (0x8210, 'wrong length'), (0x738C, 'position is lost'),
-    (0x7392, 'against the motor'), (0x4380, 'too hot'), (0x3210, 'too high'), (0x3220, 'too low'),
-    (0x6100, 'drive software'), (0xE000, 'no table')])
+@pytest.mark.parametrize(
+    'code, words',
+    [
+        (0x8611, 'following error'),
+        (0x8A81, 'positive limit switch'),
+        (0x8A82, 'software position limit'),
+        (0x8A83, 'at a limit'),
+        (0x8110, 'lost CAN frames'),
+        (0x81AB, 'communication'),
+        (0x8210, 'wrong length'),
+        (0x738C, 'position is lost'),
+        (0x7392, 'against the motor'),
+        (0x4380, 'too hot'),
+        (0x3210, 'too high'),
+        (0x3220, 'too low'),
+        (0x6100, 'drive software'),
+        (0xE000, 'no table'),
+    ],
+)
 def test_error_code_is_described_by_its_narrowest_row(code, words):
     assert words in fault(code, {}).message
 
 
-@pytest.mark.parametrize('code', [
-    0x7380, 0x738F, 0x7392,  # maxon EPOS4
-    0x7320,  # maxon EPOS: the detected position is no longer valid
-    0x7300,  # Faulhaber MC 5010: encoder; Elmo: resolver or encoder feedback failed
-    0x7303, 0x7304, 0x7305, 0x7306, 0x7307,  # CiA 402: resolvers and incremental sensors
-    0x6010,  # CiA 402: reset by the watchdog
-])
+@pytest.mark.parametrize(
+    'code',
+    [
+        0x7380,
+        0x738F,
+        0x7392,  # maxon EPOS4
+        0x7320,  # maxon EPOS: the detected position is no longer valid
+        0x7300,  # Faulhaber MC 5010: encoder; Elmo: resolver or encoder feedback failed
+        0x7303,
+        0x7304,
+        0x7305,
+        0x7306,
+        0x7307,  # CiA 402: resolvers and incremental sensors
+        0x6010,  # CiA 402: reset by the watchdog
+    ],
+)
 def test_code_of_lost_position_requires_homing(code):
     assert fault(code, {}).loses_position
 
@@ -36,5 +58,8 @@ def test_other_codes_keep_the_home_position(code):
 def test_code_in_profile_precedes_the_table():
     """FF02h is a watchdog for maxon and a wrong bit for Technosoft (iPOS, emergency codes)."""
     own = {0xFF02: Fault('the watchdog has come')}
-    assert 'watchdog' in fault(0xFF02, own).message and 'watchdog' not in fault(0xFF02, {}).message
+    assert (
+        'watchdog' in fault(0xFF02, own).message
+        and 'watchdog' not in fault(0xFF02, {}).message
+    )
     assert fault(0x7305, own).loses_position

@@ -12,7 +12,12 @@ def test_process_data_is_little_endian_and_packed():
 
 def test_cob_ids_are_those_of_the_predefined_connection_set():
     assert [p.cob_id(2) for p in pdo.PDO_MAP] == [0x202, 0x182, 0x282, 0x382]
-    assert [p.cob_id(2) for p in pdo.unused_pdos(pdo.PDO_MAP)] == [0x302, 0x402, 0x502, 0x482]
+    assert [p.cob_id(2) for p in pdo.unused_pdos(pdo.PDO_MAP)] == [
+        0x302,
+        0x402,
+        0x502,
+        0x482,
+    ]
 
 
 ALL, BUT_REMOTE, TWO_CHANGES = 0xFFFFFFFF, 0xBFFFFFFF, 0  # masks of the bits read back
@@ -20,17 +25,31 @@ ALL, BUT_REMOTE, TWO_CHANGES = 0xFFFFFFFF, 0xBFFFFFFF, 0  # masks of the bits re
 
 def test_configuration_of_pdo1_matches_the_transcripts():
     assert [tuple(write) for write in pdo.TPDO1.configure_writes(1)] == [
-        (0x1800, 1, 0xC0000181, 4, True, TWO_CHANGES), (0x1A00, 0, 0, 1, True, TWO_CHANGES),
-        (0x1A00, 1, 0x60410010, 4, True, ALL), (0x1A00, 2, 0x60610008, 4, True, ALL),
-        (0x1A00, 3, 0x60640020, 4, True, ALL), (0x1A00, 0, 3, 1, True, ALL),
-        (0x1800, 2, 1, 1, True, ALL), (0x1800, 1, 0x40000181, 4, True, BUT_REMOTE)]
+        (0x1800, 1, 0xC0000181, 4, True, TWO_CHANGES),
+        (0x1A00, 0, 0, 1, True, TWO_CHANGES),
+        (0x1A00, 1, 0x60410010, 4, True, ALL),
+        (0x1A00, 2, 0x60610008, 4, True, ALL),
+        (0x1A00, 3, 0x60640020, 4, True, ALL),
+        (0x1A00, 0, 3, 1, True, ALL),
+        (0x1800, 2, 1, 1, True, ALL),
+        (0x1800, 1, 0x40000181, 4, True, BUT_REMOTE),
+    ]
     rpdo = pdo.RPDO1.configure_writes(2)
     assert [write[:3] for write in (rpdo[0], *rpdo[-2:])] == [
-        (0x1400, 1, 0x80000202), (0x1400, 2, 1), (0x1400, 1, 0x202)]
+        (0x1400, 1, 0x80000202),
+        (0x1400, 2, 1),
+        (0x1400, 1, 0x202),
+    ]
 
 
 def test_tpdo_with_only_conditions_is_sent_less_often():
-    maps = (('RPDO2', 0x6040), ('TPDO4', 0x6077, 0x6064), ('TPDO2', 0x60F4),
-            ('TPDO3', 0x6077, 0x60FD))
-    assert [pdo.Pdo(name, tuple(map(pdo.KNOWN_OBJECTS.get, indices))).transmission(100)
-            for name, *indices in maps] == [1, 1, 1, 10]
+    maps = (
+        ('RPDO2', 0x6040),
+        ('TPDO4', 0x6077, 0x6064),
+        ('TPDO2', 0x60F4),
+        ('TPDO3', 0x6077, 0x60FD),
+    )
+    assert [
+        pdo.Pdo(name, tuple(map(pdo.KNOWN_OBJECTS.get, indices))).transmission(100)
+        for name, *indices in maps
+    ] == [1, 1, 1, 10]

@@ -52,20 +52,27 @@ def test_object_is_read_and_written_by_expedited_transfers():
     assert drive.read() == 17280
     drive.channel.write(0x6065, 0, (5).to_bytes(4, 'little'))
     assert drive.requests == [
-        bytes.fromhex('4065600000000000'), bytes.fromhex('2365600005000000')]
+        bytes.fromhex('4065600000000000'),
+        bytes.fromhex('2365600005000000'),
+    ]
     assert drive.channel.size(0x6065, 0) is None  # there is no EDS
 
 
 def test_abort_is_raised_with_its_code_at_once():
     drive = ScriptedDrive(lambda data: (ABSENT,))
-    with pytest.raises(SdoAbortError, match=r'q2 \(node 2\) rejects object 6065h:00: object does '
-                                            r'not exist \(abort 0602 0000h\)') as caught:
+    with pytest.raises(
+        SdoAbortError,
+        match=r'q2 \(node 2\) rejects object 6065h:00: object does '
+        r'not exist \(abort 0602 0000h\)',
+    ) as caught:
         drive.read()
     assert caught.value.is_absent and len(drive.requests) == 1
 
 
-@pytest.mark.parametrize('frames', [
-    (), (OTHER,), (OTHER, VALUE), (b'', VALUE), (b'\x43', VALUE), (VALUE[:7], VALUE)])
+@pytest.mark.parametrize(
+    'frames',
+    [(), (OTHER,), (OTHER, VALUE), (b'', VALUE), (b'\x43', VALUE), (VALUE[:7], VALUE)],
+)
 def test_wrong_answer_is_ignored_or_repeats_the_request(frames):
     script = iter([frames, (VALUE,)])
     drive = ScriptedDrive(lambda data: next(script))
@@ -75,7 +82,9 @@ def test_wrong_answer_is_ignored_or_repeats_the_request(frames):
 
 def test_silent_drive_times_out_with_a_next_step():
     drive = ScriptedDrive(lambda data: ())
-    with pytest.raises(DriveTimeoutError, match='does not answer for object 6065h:00 within 3 ×'):
+    with pytest.raises(
+        DriveTimeoutError, match='does not answer for object 6065h:00 within 3 ×'
+    ):
         drive.read()
     assert len(drive.requests) == 3
 
@@ -89,9 +98,13 @@ def test_unexpected_answers_do_not_accumulate():
 
 def test_endless_segments_time_out():
     segments = itertools.chain(
-        [bytes.fromhex('4065600000000000')], itertools.cycle((bytes(8), b'\x10' + bytes(7))))
+        [bytes.fromhex('4065600000000000')],
+        itertools.cycle((bytes(8), b'\x10' + bytes(7))),
+    )
     drive = ScriptedDrive(lambda data: (next(segments),))
     drive.channel.deadline = 0.2
-    with pytest.raises(DriveTimeoutError, match='busy with object 6065h:00 .*without an end'):
+    with pytest.raises(
+        DriveTimeoutError, match='busy with object 6065h:00 .*without an end'
+    ):
         drive.read()
     assert len(drive.requests) > 10

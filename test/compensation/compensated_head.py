@@ -21,7 +21,14 @@ class CompensatedHead:
     """
 
     def __init__(
-        self, motion=ZERO_POSE, goal=None, head=None, lag=None, rate=100.0, age=0.02, **settings,
+        self,
+        motion=ZERO_POSE,
+        goal=None,
+        head=None,
+        lag=None,
+        rate=100.0,
+        age=0.02,
+        **settings,
     ):
         self.compensator = Compensator(Geometry(), CompensatorSettings(**settings))
         self.motion = motion if callable(motion) else lambda _: motion
@@ -58,7 +65,8 @@ class CompensatedHead:
         """Estimate the motion at a true time [s]."""
         if self.variances is not None:
             self.compensator.add_estimate(
-                self.now, stamp + self.set_by, self.motion(stamp), self.variances)
+                self.now, stamp + self.set_by, self.motion(stamp), self.variances
+            )
 
     def update(self):
         """Return the corrected pose of one cycle."""
@@ -71,7 +79,9 @@ class CompensatedHead:
                 with suppress(InputError):  # the clock was set back
                     self.compensator.following.add_head(self.now, self.head)
             self._true += PERIOD
-            while (stamp := START + self.count / self._rate) < self._true - self._age + 1e-6:
+            while (
+                stamp := START + self.count / self._rate
+            ) < self._true - self._age + 1e-6:
                 self.count += 1
                 with suppress(InputError):
                     self.add_estimate(stamp)

@@ -20,11 +20,19 @@ MARGIN = 1.0
 LATE_MARGIN = 0.1  # m, of an axis found late: its correction fades in
 
 places = st.floats(-LARGEST, LARGEST)
-deviations = st.one_of(st.floats(-4.0, -2.0).map(lambda power: 10.0 ** power), st.just(1.0))
+deviations = st.one_of(
+    st.floats(-4.0, -2.0).map(lambda power: 10.0**power), st.just(1.0)
+)
 # number of successive estimates, their pose, and the standard deviation of each axis
-sequences = st.lists(st.tuples(
-    st.integers(1, 10), st.builds(Pose, places, places, places), st.tuples(*3 * [deviations])),
-    min_size=1, max_size=6)
+sequences = st.lists(
+    st.tuples(
+        st.integers(1, 10),
+        st.builds(Pose, places, places, places),
+        st.tuples(*3 * [deviations]),
+    ),
+    min_size=1,
+    max_size=6,
+)
 rates = st.sampled_from([10.0, 20.0, 30.0, 50.0, 100.0, 200.0])
 
 
@@ -34,7 +42,7 @@ def correct(estimates, rate, extra=0.0):
     head = CompensatedHead(goal=Pose(0.0, 0.25, 0.0), rate=rate, age=LATENCY)
 
     def add(stamp):
-        for estimate in estimates[head.count - 1:head.count]:
+        for estimate in estimates[head.count - 1 : head.count]:
             head.compensator.add_estimate(head.now, stamp, *estimate)
 
     head.add_estimate = add
@@ -50,15 +58,24 @@ def found_late(place, sway, rate, unknown, uncertain, duration, seed=0):
             continue
         deviation = 0.015 if number < unknown + uncertain else 0.0005
         x = place + sway * math.sin(0.6 * number / rate)
-        yield (Pose(x + deviation * random.standard_normal(), 0.0, 0.0),
-               (deviation ** 2, 1e-8, 1e-8))
+        yield (
+            Pose(x + deviation * random.standard_normal(), 0.0, 0.0),
+            (deviation**2, 1e-8, 1e-8),
+        )
 
 
 @settings(max_examples=25)
-@given(places, st.floats(0.0, 0.05), rates, st.integers(0, 50), st.integers(0, 20),
-       st.integers(0, 99))
+@given(
+    places,
+    st.floats(0.0, 0.05),
+    rates,
+    st.integers(0, 50),
+    st.integers(0, 20),
+    st.integers(0, 99),
+)
 def test_axis_found_at_any_time_keeps_the_correction_bounded(
-        place, sway, rate, unknown, uncertain, seed):
+    place, sway, rate, unknown, uncertain, seed
+):
     found = correct(found_late(place, sway, rate, unknown, uncertain, 2.5, seed), rate)
     target(beyond := abs(found[:, 0]).max() - abs(place) - sway)
     assert beyond < LATE_MARGIN
@@ -68,7 +85,10 @@ def test_axis_found_at_any_time_keeps_the_correction_bounded(
 @given(sequences, rates)
 def test_any_bounded_estimates_give_a_bounded_correction(sequence, rate):
     rest = math.ceil(REST * rate), Pose(0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3)
-    estimates = [(pose, [one ** 2 for one in each]) for count, pose, each in (rest, *sequence)
-                 for _ in range(count)]
+    estimates = [
+        (pose, [one**2 for one in each])
+        for count, pose, each in (rest, *sequence)
+        for _ in range(count)
+    ]
     target(largest := abs(correct(estimates, rate, 0.3)).max())
     assert largest < LARGEST + MARGIN

@@ -9,11 +9,26 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.compensator import CompensationSettings, Compensator, DEFAULTS
-from facade_manipulator.compensation.contact import ContactSettings, LateralSettings, PressMode
+from facade_manipulator.compensation.compensator import (
+    CompensationSettings,
+    Compensator,
+    DEFAULTS,
+)
+from facade_manipulator.compensation.contact import (
+    ContactSettings,
+    LateralSettings,
+    PressMode,
+)
 from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import add, Geometry, Mechanism, Pose, relative, Wrench
+from facade_manipulator.kinematics import (
+    add,
+    Geometry,
+    Mechanism,
+    Pose,
+    relative,
+    Wrench,
+)
 from facade_manipulator.parameters import parameter_fields
 
 pytestmark = pytest.mark.long
@@ -28,14 +43,22 @@ def sway(time):
 
 @settings(max_examples=25)  # each checks twenty cycles
 @given(
-    st.floats(-0.1, 0.1), st.floats(-0.03, 0.03), st.floats(-0.08, 0.08),
-    st.floats(-0.1, 0.1), st.floats(0.23, 0.27), st.floats(-0.05, 0.05))
-def test_disturbance_and_corrected_pose_compose_to_the_reference(dx, dy, dtheta, x, y, theta):
+    st.floats(-0.1, 0.1),
+    st.floats(-0.03, 0.03),
+    st.floats(-0.08, 0.08),
+    st.floats(-0.1, 0.1),
+    st.floats(0.23, 0.27),
+    st.floats(-0.05, 0.05),
+)
+def test_disturbance_and_corrected_pose_compose_to_the_reference(
+    dx, dy, dtheta, x, y, theta
+):
     run = CompensatedHead(Pose(dx, dy, dtheta), Pose(x, y, theta)).run(0.8)
     for output in run.outputs[-20:]:
         wanted = add(output.pose, output.saturation_error)
         assert wanted == pytest.approx(
-            tuple(relative(output.disturbance, output.reference)), abs=1e-12)
+            tuple(relative(output.disturbance, output.reference)), abs=1e-12
+        )
 
 
 def test_update_without_a_goal_returns_no_pose():
@@ -50,13 +73,16 @@ def test_lag_of_the_head_extends_the_prediction():
     run.compensator.following.lag = 0.04
     run.run(0.1)
     assert run.last.reach_time == run.last.time + 0.04
-    assert run.last.disturbance.x == pytest.approx(sway(run.last.reach_time).x, abs=5e-4)
+    assert run.last.disturbance.x == pytest.approx(
+        sway(run.last.reach_time).x, abs=5e-4
+    )
 
 
 def test_axis_is_held_at_its_workspace_limit_and_returns():
     run = CompensatedHead(
         lambda time: Pose(0.45 * math.sin(0.4 * (time - START)), 0.0, 0.0),
-        Pose(0.0, 0.25, 0.0)).run(16.0)  # forth and back
+        Pose(0.0, 0.25, 0.0),
+    ).run(16.0)  # forth and back
     for output in run.outputs[::7]:
         Mechanism(Geometry()).certify(output.pose)
     errors = abs(np.array([output.saturation_error for output in run.outputs]))
@@ -75,7 +101,9 @@ def test_every_part_with_a_live_parameter_can_change():
 
 @pytest.mark.parametrize('follows', [True, False])
 def test_path_restarts_at_a_head_that_does_not_follow(follows):
-    run = CompensatedHead(goal=Pose(0.1, 0.25, 0.0), head=ASIDE, lag=0.0 if follows else None)
+    run = CompensatedHead(
+        goal=Pose(0.1, 0.25, 0.0), head=ASIDE, lag=0.0 if follows else None
+    )
     away = abs(run.run(4.0).all('pose')[:, 0] - ASIDE.x)
     if follows:
         assert run.compensator.initialisations == 1
@@ -96,9 +124,12 @@ def test_goal_error_vanishes_under_a_constant_disturbance():
     assert max(map(abs, compensator.goal_error(run.now))) < 1e-4
     assert compensator.path_time(run.now) < 0.0
     compensator.following.add_head(
-        run.now + 1e-3, relative(RAIL, GOAL._replace(x=GOAL.x - 0.03)))
+        run.now + 1e-3, relative(RAIL, GOAL._replace(x=GOAL.x - 0.03))
+    )
     assert compensator.goal_error(run.now).x == pytest.approx(0.03, abs=1e-4)
-    assert compensator.goal_error(run.now + 5.0) is None  # the pose of the head is too old
+    assert (
+        compensator.goal_error(run.now + 5.0) is None
+    )  # the pose of the head is too old
 
 
 @pytest.mark.parametrize(('lag', 'most'), [(0.0, 0.61), (0.04, 0.63)])
@@ -108,10 +139,10 @@ def test_hold_brakes_within_the_limits_and_stays(lag, most):
     begin = run.run(0.6).last.reference
     place, held = run.compensator.hold(run.now), len(run.outputs)
     run.run(3.0)
-    x = np.array([output.reference.x for output in run.outputs[held - 3:]])
+    x = np.array([output.reference.x for output in run.outputs[held - 3 :]])
     assert run.compensator.goal == place != GOAL
     assert begin.x < place.x < GOAL.x
-    assert abs(np.diff(x, 2)).max() / PERIOD ** 2 < most
+    assert abs(np.diff(x, 2)).max() / PERIOD**2 < most
     assert math.dist(run.last.reference, place) < 1e-6
 
 
@@ -127,19 +158,28 @@ def test_clock_step_keeps_correction_active_without_a_jump(step):
     assert run.count - run.accepted - before < (5 if step == -3600.0 else 100)
 
 
-@pytest.mark.parametrize(('variances', 'reason'), [
-    (None, CorrectionMode.SILENT.value),
-    ((0.0, 1e6, 0.0), 'the estimate of y or theta is too uncertain')])
+@pytest.mark.parametrize(
+    ('variances', 'reason'),
+    [
+        (None, CorrectionMode.SILENT.value),
+        ((0.0, 1e6, 0.0), 'the estimate of y or theta is too uncertain'),
+    ],
+)
 def test_lost_estimate_retracts_the_head_with_its_reason(variances, reason):
     run = CompensatedHead(
-        Pose(0.02, 0.0, 0.01), Pose(0.0, 0.25, 0.0), Pose(0.0, 0.27, 0.0),
-        lag=0.0, contact=ContactSettings(enabled=True)).run(4.0)
+        Pose(0.02, 0.0, 0.01),
+        Pose(0.0, 0.25, 0.0),
+        Pose(0.0, 0.27, 0.0),
+        lag=0.0,
+        contact=ContactSettings(enabled=True),
+    ).run(4.0)
     pressing = run.compensator.contact.pressing
     pressing.mode, run.variances = PressMode.HOLDING, variances
     for cycle in range(80):
         with suppress(ManipulatorError):
             run.compensator.contact.add_wrench(
-                run.now, run.now, Wrench(0.0, -30.0 - 0.01 * (cycle % 3), 0.0))
+                run.now, run.now, Wrench(0.0, -30.0 - 0.01 * (cycle % 3), 0.0)
+            )
         run.run(PERIOD)
     assert (pressing.mode, pressing.last_reason) == (PressMode.RETRACTED, reason)
 

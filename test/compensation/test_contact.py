@@ -24,18 +24,32 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose, Wrench
 
 SETTINGS = ContactSettings(enabled=True)
-PERIOD, HORIZON, LATENCY = 0.01, 6, 1  # s, cycles from decision to head and from force to law
+PERIOD, HORIZON, LATENCY = (
+    0.01,
+    6,
+    1,
+)  # s, cycles from decision to head and from force to law
 NOISE = 0.5  # N
 WALL = -0.03  # m, from the goal
-HELD, BACK, END = 15.0, 18.0, 25.0  # s: the force is held; a lost input returns; end of a run
+HELD, BACK, END = (
+    15.0,
+    18.0,
+    25.0,
+)  # s: the force is held; a lost input returns; end of a run
 NOW = 1000.0
 PRESSED = Wrench(3.0, -30.0, 0.5)
 REFERENCE = Pose(0.1, 0.25, 0.3)
 
 
 def press(
-    wall_stiffness, duration=END, wall=lambda time: WALL, sensor=lambda time, force: force,
-    around=lambda time: Surroundings(), moment=lambda yaw: 0.0, pressing=None, start=0.0,
+    wall_stiffness,
+    duration=END,
+    wall=lambda time: WALL,
+    sensor=lambda time, force: force,
+    around=lambda time: Surroundings(),
+    moment=lambda yaw: 0.0,
+    pressing=None,
+    start=0.0,
     **settings,
 ):
     """
@@ -56,12 +70,20 @@ def press(
         felt = forces[max(k - LATENCY, 0)]
         reading = sensor(now, felt + NOISE * random.standard_normal())
         if reading is not None:
-            pressing.add_measurement(now - LATENCY * PERIOD, reading,
-                                     moment(yaws[reached]) if felt else 0.0, last == reading)
+            pressing.add_measurement(
+                now - LATENCY * PERIOD,
+                reading,
+                moment(yaws[reached]) if felt else 0.0,
+                last == reading,
+            )
             last = reading
     return SimpleNamespace(
-        pressing=pressing, offsets=np.array(offsets), yaws=np.array(yaws),
-        forces=np.array(forces), desired=np.array(desired))
+        pressing=pressing,
+        offsets=np.array(offsets),
+        yaws=np.array(yaws),
+        forces=np.array(forces),
+        desired=np.array(desired),
+    )
 
 
 @pytest.mark.parametrize('stiffness', [600.0, 2000.0, 5000.0])
@@ -92,22 +114,34 @@ def test_force_rises_smoothly_over_the_ramp_time():
 
 def test_noise_of_the_predicted_disturbance_is_removed():
     """The gondola is at rest; the prediction errs by 0.6 mm RMS below 1 Hz."""
+
     def error(time):
         return 6e-4 * (math.sin(2.0 * time) + math.sin(5.1 * time + 1.0))
 
-    run = press(5000.0, 40.0, stiffness=5000.0, wall=lambda time: WALL + error(time),
-                around=lambda time: Surroundings(rail_y=error(time + HORIZON * PERIOD)))
+    run = press(
+        5000.0,
+        40.0,
+        stiffness=5000.0,
+        wall=lambda time: WALL + error(time),
+        around=lambda time: Surroundings(rail_y=error(time + HORIZON * PERIOD)),
+    )
     assert run.pressing.mode is PressMode.HOLDING
     assert run.forces[2500:].std() < 0.5 < 0.2 * 5000.0 * 6e-4
 
 
-@pytest.mark.parametrize(('sensor', 'reason'), [
-    (lambda time, force: force if time < HELD else 20.0, 'is frozen at 20.0 N'),
-    (lambda time, force: 0.0, 'is frozen'),
-    (lambda time, force: -force, 'the wall pulls'),
-    (lambda time, force: force + 40.0 * (time > HELD), 'is above 60.0 N'),
-    (lambda time, force: force + 12.0 * (time > HELD) * (-1) ** int(20.0 * time),
-     'the force chatters')])
+@pytest.mark.parametrize(
+    ('sensor', 'reason'),
+    [
+        (lambda time, force: force if time < HELD else 20.0, 'is frozen at 20.0 N'),
+        (lambda time, force: 0.0, 'is frozen'),
+        (lambda time, force: -force, 'the wall pulls'),
+        (lambda time, force: force + 40.0 * (time > HELD), 'is above 60.0 N'),
+        (
+            lambda time, force: force + 12.0 * (time > HELD) * (-1) ** int(20.0 * time),
+            'the force chatters',
+        ),
+    ],
+)
 def test_fault_makes_the_head_retract_with_its_reason(sensor, reason):
     run = press(600.0, sensor=sensor)
     assert run.pressing.mode is PressMode.RETRACTED and not run.pressing.is_held
@@ -131,31 +165,53 @@ def test_brush_that_bottoms_out_makes_the_head_retract():
 
 
 def test_fault_lasts_until_pressing_is_disabled_and_enabled():
-    pressing = press(600.0, 40.0, sensor=lambda time, force: (
-        force if not HELD < time < HELD + 1.0 else 20.0)).pressing
+    pressing = press(
+        600.0,
+        40.0,
+        sensor=lambda time, force: force if not HELD < time < HELD + 1.0 else 20.0,
+    ).pressing
     assert pressing.mode is PressMode.RETRACTED
     pressing.settings = replace(SETTINGS, enabled=False)
     off = press(600.0, 5.0, pressing=pressing, start=40.0)
     assert (pressing.mode, pressing.outcome) == (PressMode.OFF, 'not pressing')
     assert off.offsets[-1] == 0.0 and pressing.is_held
     pressing.settings = SETTINGS
-    assert press(600.0, pressing=pressing, start=45.0).pressing.mode is PressMode.HOLDING
+    assert (
+        press(600.0, pressing=pressing, start=45.0).pressing.mode is PressMode.HOLDING
+    )
 
 
-@pytest.mark.parametrize(('lost', 'reason'), [
-    ({'sensor': lambda time, force: None if HELD < time < BACK else force}, 'no contact_wrench'),
-    ({'around': lambda time: Surroundings(
-        silence='the estimator is silent' * (HELD < time < BACK))}, 'the estimator is silent')])
+@pytest.mark.parametrize(
+    ('lost', 'reason'),
+    [
+        (
+            {'sensor': lambda time, force: None if HELD < time < BACK else force},
+            'no contact_wrench',
+        ),
+        (
+            {
+                'around': lambda time: Surroundings(
+                    silence='the estimator is silent' * (HELD < time < BACK)
+                )
+            },
+            'the estimator is silent',
+        ),
+    ],
+)
 def test_lost_input_ends_in_a_retract_and_another_approach(lost, reason):
     run = press(600.0, 40.0, **lost)
-    assert run.offsets[round(HELD / PERIOD):].min() <= -SETTINGS.retreat
+    assert run.offsets[round(HELD / PERIOD) :].min() <= -SETTINGS.retreat
     assert run.pressing.mode is PressMode.HOLDING
     assert reason in run.pressing.last_reason and not run.pressing.reason
 
 
 def test_head_searches_for_a_wall_that_falls_away():
-    run = press(2000.0, 45.0, stiffness=2000.0, wall=lambda time: (
-        WALL + min(max(0.1 * (time - 20.0), 0.0), 0.02)))
+    run = press(
+        2000.0,
+        45.0,
+        stiffness=2000.0,
+        wall=lambda time: WALL + min(max(0.1 * (time - 20.0), 0.0), 0.02),
+    )
     assert run.pressing.mode is PressMode.HOLDING
     assert run.forces[2050:].max() < 45.0
 
@@ -166,28 +222,43 @@ def test_bias_of_the_sensor_is_removed_off_the_wall(bias):
     assert run.forces[-500:].mean() == pytest.approx(SETTINGS.force, rel=0.04)
 
 
-@pytest.mark.parametrize(('bias', 'beyond', 'reason'), [
-    (15.0, 0.0, 'N is beyond 10 N'),
-    (0.0, 0.06, 'the zero of contact_wrench is being measured')])
+@pytest.mark.parametrize(
+    ('bias', 'beyond', 'reason'),
+    [
+        (15.0, 0.0, 'N is beyond 10 N'),
+        (0.0, 0.06, 'the zero of contact_wrench is being measured'),
+    ],
+)
 def test_head_waits_until_the_zero_is_known(bias, beyond, reason):
-    pressing = press(600.0, 8.0, sensor=lambda time, force: force + bias,
-                     around=lambda time: Surroundings(beyond=beyond)).pressing
+    pressing = press(
+        600.0,
+        8.0,
+        sensor=lambda time, force: force + bias,
+        around=lambda time: Surroundings(beyond=beyond),
+    ).pressing
     assert pressing.mode is PressMode.RETRACTED
     assert reason in pressing.reason
 
 
 def test_offset_stops_at_the_workspace_limit():
-    run = press(600.0, 8.0, wall=lambda time: 1.0, around=lambda time: Surroundings(
-        saturation_error=Pose(0.0, 0.001, 0.0)))
+    run = press(
+        600.0,
+        8.0,
+        wall=lambda time: 1.0,
+        around=lambda time: Surroundings(saturation_error=Pose(0.0, 0.001, 0.0)),
+    )
     assert np.ptp(run.offsets) == 0.0
 
 
-@pytest.mark.parametrize(('enabled', 'tilt', 'turned'), [
-    (True, 0.09, 0.0567), (True, 0.02, 0.0), (False, 0.09, 0.0)])
+@pytest.mark.parametrize(
+    ('enabled', 'tilt', 'turned'),
+    [(True, 0.09, 0.0567), (True, 0.02, 0.0), (False, 0.09, 0.0)],
+)
 def test_yaw_yields_to_a_moment_beyond_the_dead_band(enabled, tilt, turned):
     """On a brush of 50 mm, the friction of 30 N causes 0.45 N m: 0.033 rad at 13.5 N m/rad."""
     yaws = press(
-        600.0, 30.0, yaw_enabled=enabled, moment=lambda yaw: 13.5 * (yaw - tilt)).yaws
+        600.0, 30.0, yaw_enabled=enabled, moment=lambda yaw: 13.5 * (yaw - tilt)
+    ).yaws
     assert yaws[-1] == pytest.approx(turned, abs=2e-3)
     assert abs(np.diff(yaws)).max() <= YAW_SPEED * PERIOD + 1e-12
 
@@ -211,11 +282,14 @@ def test_force_law_passes_wall_motion_as_loop_gain_predicts(frequency):
     late = cmath.exp(-s * delay)
     expected = abs(1.0 / (1.0 + late / (s * TIME_CONSTANT * delay + 1.0 - late)))
     force = hold(1.0, lambda time: 1e-3 * math.sin(math.tau * frequency * time))
-    assert force[1000:].std() * math.sqrt(2.0) / 2.0 == pytest.approx(expected, rel=0.15)
+    assert force[1000:].std() * math.sqrt(2.0) / 2.0 == pytest.approx(
+        expected, rel=0.15
+    )
 
 
 @pytest.mark.parametrize(
-    ('ratio', 'settles'), [(0.1, True), (1.0, True), (3.5, True), (5.0, False)])
+    ('ratio', 'settles'), [(0.1, True), (1.0, True), (3.5, True), (5.0, False)]
+)
 def test_force_law_is_stable_up_to_four_times_stiffness(ratio, settles):
     force = abs(hold(ratio, lambda time: 1e-3 * min(time, 1.0)))
     assert (force[-300:].max() < 0.1 * force[:300].max()) == settles
@@ -230,7 +304,8 @@ def test_wrench_is_turned_by_the_yaw_of_the_head(felt):
     felt.shift(NOW, NOW, 0.0, REFERENCE, Surroundings())
     felt.add_wrench(NOW, NOW, PRESSED)
     assert felt.pressing.monitor.force == pytest.approx(
-        30.0 * math.cos(0.3) - 3.0 * math.sin(0.3))
+        30.0 * math.cos(0.3) - 3.0 * math.sin(0.3)
+    )
     assert felt.pressing.moment == -0.5
 
 
@@ -247,7 +322,9 @@ def slide(felt, slip, duration, saturation_error=0.0, latency=10):
     for k in range(round(duration / PERIOD)):
         now = NOW + k * PERIOD
         felt.add_lateral_offset(now, now, offsets[-latency])
-        felt.shift(now, now, PERIOD, REFERENCE, Surroundings(Pose(saturation_error, 0.0, 0.0)))
+        felt.shift(
+            now, now, PERIOD, REFERENCE, Surroundings(Pose(saturation_error, 0.0, 0.0))
+        )
         offsets.append(slip - felt.present.x)
     return np.array(offsets)
 
@@ -277,15 +354,23 @@ def test_shift_stops_at_the_workspace_limit(felt, saturation_error, moves):
     assert (felt.present.x > 0.0) == moves
 
 
-@pytest.mark.parametrize(('add', 'possible', 'not_finite'), [
-    (Contact.add_wrench, PRESSED, Wrench(math.nan, 0.0, 0.0)),
-    (Contact.add_lateral_offset, 0.0, math.nan)])
+@pytest.mark.parametrize(
+    ('add', 'possible', 'not_finite'),
+    [
+        (Contact.add_wrench, PRESSED, Wrench(math.nan, 0.0, 0.0)),
+        (Contact.add_lateral_offset, 0.0, math.nan),
+    ],
+)
 def test_impossible_measurement_is_rejected(felt, add, possible, not_finite):
     felt.add_wrench(NOW, NOW - 0.05, PRESSED)
     felt.add_lateral_offset(NOW, NOW - 0.05, 0.0)
     for age, measured, reason in (
-            (0.0, not_finite, 'not_finite'), (0.5, possible, 'stale'), (-0.1, possible, 'future'),
-            (0.05, possible, 'out_of_order'), (0.06, possible, 'out_of_order')):
+        (0.0, not_finite, 'not_finite'),
+        (0.5, possible, 'stale'),
+        (-0.1, possible, 'future'),
+        (0.05, possible, 'out_of_order'),
+        (0.06, possible, 'out_of_order'),
+    ):
         with pytest.raises(InputError) as caught:
             add(felt, NOW, NOW - age, measured)
         assert caught.value.reason == reason

@@ -9,7 +9,10 @@ import gusts as law
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.correction import CorrectionMode, CorrectionSettings
+from facade_manipulator.compensation.correction import (
+    CorrectionMode,
+    CorrectionSettings,
+)
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, invert
@@ -24,7 +27,9 @@ VARIANCES = Pose(1e-6, 1e-6, 3e-6)
 def breeze(time):
     return Pose(
         0.1 * math.sin(0.7 * time) + 0.02 * math.sin(1.9 * time + 1.0),
-        0.015 * math.sin(1.26 * time), 0.035 * math.sin(0.94 * time + 0.5))
+        0.015 * math.sin(1.26 * time),
+        0.035 * math.sin(0.94 * time + 0.5),
+    )
 
 
 class Run(CompensatedHead):
@@ -32,7 +37,8 @@ class Run(CompensatedHead):
 
     def __init__(self, motion=breeze, **settings):
         super().__init__(
-            motion, rate=50.0, age=0.05, correction=CorrectionSettings(**settings))
+            motion, rate=50.0, age=0.05, correction=CorrectionSettings(**settings)
+        )
         self.random = np.random.default_rng(0)
         self.correction = self.compensator.correction
         del self.compensator  # a run is copied, which no path permits
@@ -41,9 +47,14 @@ class Run(CompensatedHead):
         if self.heard:
             noise = self.random.standard_normal(3) * (1e-3, 1e-3, 1.7e-3)
             wrong = self.lie.pop(0) if self.lie else 0.0
-            self.correction.add_estimate(Estimate(
-                stamp, Pose(*(self.motion(stamp) + noise + wrong).tolist()), VARIANCES,
-                self.known))
+            self.correction.add_estimate(
+                Estimate(
+                    stamp,
+                    Pose(*(self.motion(stamp) + noise + wrong).tolist()),
+                    VARIANCES,
+                    self.known,
+                )
+            )
 
     def update(self):
         return self.correction.at(self.now, self.now + HORIZON)
@@ -73,8 +84,10 @@ def settled():
     return settle()
 
 
-@pytest.mark.parametrize(('enabled', 'heard', 'mode'), [
-    (False, True, CorrectionMode.DISABLED), (True, False, CorrectionMode.SILENT)])
+@pytest.mark.parametrize(
+    ('enabled', 'heard', 'mode'),
+    [(False, True, CorrectionMode.DISABLED), (True, False, CorrectionMode.SILENT)],
+)
 def test_correction_fades_in_and_out_without_a_step(enabled, heard, mode):
     run = Run()
     for _ in range(2):
@@ -90,12 +103,16 @@ def test_correction_fades_in_and_out_without_a_step(enabled, heard, mode):
     run.assert_no_step()
 
 
-@pytest.mark.parametrize(('elapsed', 'is_learnt'), [(0.02, True), (0.01, False), (-0.01, False)])
+@pytest.mark.parametrize(
+    ('elapsed', 'is_learnt'), [(0.02, True), (0.01, False), (-0.01, False)]
+)
 def test_estimate_is_learnt_only_after_a_minimum_interval(elapsed, is_learnt):
     run = Run().go(2.0)
     predictor = run.correction.predictor
     last, since = predictor.stamp, predictor.since
-    run.correction.add_estimate(Estimate(last + elapsed, breeze(last + elapsed), VARIANCES))
+    run.correction.add_estimate(
+        Estimate(last + elapsed, breeze(last + elapsed), VARIANCES)
+    )
     assert predictor.stamp == last + elapsed * is_learnt
     assert predictor.since == since  # nothing is learnt again
 
@@ -119,7 +136,8 @@ def test_tare_makes_the_present_disturbance_nominal_without_a_step(settled):
 
 
 @pytest.mark.parametrize(
-    ('heard', 'message'), [(False, 'no estimate was received'), (True, 's old')])
+    ('heard', 'message'), [(False, 'no estimate was received'), (True, 's old')]
+)
 def test_tare_without_a_fresh_estimate_is_rejected(heard, message):
     run = Run().go(1.0, heard)
     run.go(2.0, heard=False)
@@ -133,7 +151,10 @@ def test_unknown_axis_fades_out_and_in_without_the_others(settled, lost):
     run = deepcopy(settled)
     for _ in range(2):
         run.go(6.0, known=known)
-        assert run.correction.known == known and run.correction.mode is CorrectionMode.ACTIVE
+        assert (
+            run.correction.known == known
+            and run.correction.mode is CorrectionMode.ACTIVE
+        )
         assert run.last.position[lost] == pytest.approx(0.0, abs=1e-4)
         assert run.last.velocity[lost] == pytest.approx(0.0, abs=1e-4)
         assert (np.delete(abs(run.error()), lost) < 5e-3).all()
@@ -172,11 +193,21 @@ def moved(settled, size, duration, after=1.0, shape=np.ones_like):
 
 
 @pytest.mark.parametrize('motion', ['settled', 'gusty'])
-@pytest.mark.parametrize('shape', [
-    lambda share: np.sin(np.pi * share), lambda share: 1.0 - abs(2.0 * share - 1.0),
-    lambda share: share, lambda share: share ** 2])
-@pytest.mark.parametrize(('size', 'bound'), [(5.0, 5.0), (8.0, 7.0), (30.0, 5.0), (-100.0, 5.0)])
-def test_wrong_estimates_of_any_shape_hardly_move_the_head(request, motion, shape, size, bound):
+@pytest.mark.parametrize(
+    'shape',
+    [
+        lambda share: np.sin(np.pi * share),
+        lambda share: 1.0 - abs(2.0 * share - 1.0),
+        lambda share: share,
+        lambda share: share**2,
+    ],
+)
+@pytest.mark.parametrize(
+    ('size', 'bound'), [(5.0, 5.0), (8.0, 7.0), (30.0, 5.0), (-100.0, 5.0)]
+)
+def test_wrong_estimates_of_any_shape_hardly_move_the_head(
+    request, motion, shape, size, bound
+):
     run = request.getfixturevalue(motion)
     assert (moved(run, size, 0.2, shape=shape) < bound * np.sqrt(VARIANCES)).all()
 

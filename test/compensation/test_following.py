@@ -22,8 +22,11 @@ NEAR, FAR = Pose(0.003, 0.003, 0.005), Pose(0.006, 0.0, 0.0)
 
 
 def course(time):
-    return Pose(0.1 * math.sin(0.7 * time), 0.25 + 0.01 * math.sin(1.3 * time),
-                0.03 * math.sin(time))
+    return Pose(
+        0.1 * math.sin(0.7 * time),
+        0.25 + 0.01 * math.sin(1.3 * time),
+        0.03 * math.sin(time),
+    )
 
 
 def run(duration, head, path=course):
@@ -35,8 +38,16 @@ def run(duration, head, path=course):
     return following, now
 
 
-@pytest.mark.parametrize(('lag', 'measured'), [
-    (-0.01, -0.01), (0.0, 0.0), (0.004, 0.004), (0.03, 0.03), (0.1, module.GREATEST_LAG)])
+@pytest.mark.parametrize(
+    ('lag', 'measured'),
+    [
+        (-0.01, -0.01),
+        (0.0, 0.0),
+        (0.004, 0.004),
+        (0.03, 0.03),
+        (0.1, module.GREATEST_LAG),
+    ],
+)
 def test_lag_of_the_head_is_measured_within_a_bound(lag, measured):
     following, now = run(20.0, lambda time: course(time - lag))
     assert following.lag == pytest.approx(measured, abs=5e-4)
@@ -46,7 +57,8 @@ def test_lag_of_the_head_is_measured_within_a_bound(lag, measured):
 @pytest.mark.parametrize('duration', [PERIOD, 3.0])
 def test_head_at_rest_on_the_path_has_no_lag(duration):
     following, _ = run(
-        duration, lambda time: Pose(1e-4, 0.25, 0.0), lambda time: Pose(0.0, 0.25, 0.0))
+        duration, lambda time: Pose(1e-4, 0.25, 0.0), lambda time: Pose(0.0, 0.25, 0.0)
+    )
     assert following.lag == 0.0
 
 
@@ -73,28 +85,45 @@ def test_held_axes_are_reported_for_one_second():
     assert held.message(0.0) == ''
     held.note(10.0, Pose(-2.0 * least, 0.9 * least, 0.01), Pose(0.0, 1.0, 0.0))
     assert held.message(10.0 + 0.9 * second) == (
-        'held back in x, theta at the workspace limit; held back in y by an uncertain estimate')
+        'held back in x, theta at the workspace limit; held back in y by an uncertain estimate'
+    )
     held.note(11.0, ZERO_POSE, Pose(0.0, 0.0, 0.1))
     assert held.message(10.1 + second) == 'held back in theta by an uncertain estimate'
     assert held.message(1.0) == held.message(11.0) == ''  # the clock was set back
 
 
 # seconds, error, time to the path's end; whether the head is held back and pressed
-@pytest.mark.parametrize(('steps', 'expected'), [
-    ([(0.15, NEAR, 0.0), (0.1, NEAR, 0.0)], ['moving', 'reached']),
-    ([(0.15, NEAR, 0.0), (0.02, FAR, 0.0), (0.15, NEAR, 0.0)], ['moving'] * 3),
-    ([(1.0, NEAR, 0.5)], ['moving']), ([(1.0, None, 0.0)], ['moving']),
-    ([(1.0, NEAR, 0.0, False, False), (1.0, NEAR, 0.0)], ['moving', 'reached']),
-    ([(1.0, NEAR, 0.0, True, False), (1.0, NEAR, 0.0, True)], ['held back', 'reached']),
-    ([(1.0, Pose(0.0, 0.0, 0.02), 0.0)], ['moving']),
-    ([(0.3, NEAR, 0.0), (0.3, Pose(0.009, 0.0, 0.0), 0.0), (0.1, Pose(0.011, 0.0, 0.0), 0.0)],
-     ['reached', 'reached', 'moving'])])
+@pytest.mark.parametrize(
+    ('steps', 'expected'),
+    [
+        ([(0.15, NEAR, 0.0), (0.1, NEAR, 0.0)], ['moving', 'reached']),
+        ([(0.15, NEAR, 0.0), (0.02, FAR, 0.0), (0.15, NEAR, 0.0)], ['moving'] * 3),
+        ([(1.0, NEAR, 0.5)], ['moving']),
+        ([(1.0, None, 0.0)], ['moving']),
+        ([(1.0, NEAR, 0.0, False, False), (1.0, NEAR, 0.0)], ['moving', 'reached']),
+        (
+            [(1.0, NEAR, 0.0, True, False), (1.0, NEAR, 0.0, True)],
+            ['held back', 'reached'],
+        ),
+        ([(1.0, Pose(0.0, 0.0, 0.02), 0.0)], ['moving']),
+        (
+            [
+                (0.3, NEAR, 0.0),
+                (0.3, Pose(0.009, 0.0, 0.0), 0.0),
+                (0.1, Pose(0.011, 0.0, 0.0), 0.0),
+            ],
+            ['reached', 'reached', 'moving'],
+        ),
+    ],
+)
 def test_goal_near_for_the_dwell_time_is_reached(steps, expected):
     watch, now, found = ArrivalWatch(SETTINGS), 0.0, []
     for duration, error, path_time, *limits in steps:
         for _ in range(round(duration / PERIOD)):
             now += PERIOD
             progress = watch.update(now, error, path_time, *limits or [False])
-            assert (progress.time_to_go > 0.0) == (progress.state is not GoalState.REACHED)
+            assert (progress.time_to_go > 0.0) == (
+                progress.state is not GoalState.REACHED
+            )
         found.append(progress.state.value)
     assert found == expected

@@ -13,7 +13,9 @@ from facade_manipulator.kinematics import MotionState, Pose, Twist, ZERO_STATE
 START = 100.0
 PERIOD = 0.005
 poses = st.tuples(*[st.floats(-0.2, 0.2)] * 3).map(lambda values: Pose(*values))
-motions = st.tuples(poses, poses).map(lambda parts: MotionState(parts[0], Twist(*parts[1])))
+motions = st.tuples(poses, poses).map(
+    lambda parts: MotionState(parts[0], Twist(*parts[1]))
+)
 constants = st.floats(0.02, 2.0)
 
 
@@ -26,16 +28,31 @@ def test_remainder_begins_with_the_jump_and_decays_smoothly(jump, constant, elap
     assert begun.velocity == pytest.approx(tuple(jump.velocity), abs=1e-12)
     assert late.position == pytest.approx((0.0,) * 3, abs=1e-7)
     assert remainder.at(START + 41.0 * constant) == ZERO_STATE
-    before, now, after = (remainder.at(START + elapsed + step) for step in (-1e-5, 0.0, 1e-5))
+    before, now, after = (
+        remainder.at(START + elapsed + step) for step in (-1e-5, 0.0, 1e-5)
+    )
     assert now.velocity == pytest.approx(
-        np.subtract(after.position, before.position) / 2e-5, abs=1e-3)
+        np.subtract(after.position, before.position) / 2e-5, abs=1e-3
+    )
 
 
-@given(st.lists(st.tuples(st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-5.0, 5.0)),
-                min_size=2, max_size=60), st.floats(0.005, 0.1), st.floats(0.005, 0.1))
+@given(
+    st.lists(
+        st.tuples(st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-5.0, 5.0)),
+        min_size=2,
+        max_size=60,
+    ),
+    st.floats(0.005, 0.1),
+    st.floats(0.005, 0.1),
+)
 def test_trajectory_with_its_remainders_stays_within_the_bound(pieces, slow, fast):
     """Each piece of the trajectory begins with a position, velocity and acceleration."""
-    fade, brake, reached, beyond = Remainder(slow), Remainder(fast), motion(0.0, 0.0), 0.0
+    fade, brake, reached, beyond = (
+        Remainder(slow),
+        Remainder(fast),
+        motion(0.0, 0.0),
+        0.0,
+    )
     highest = np.zeros(3)  # of position, velocity and acceleration
     for number, (p, v, a) in enumerate(pieces):
         begin = START + 2.0 * number * PERIOD
@@ -43,12 +60,18 @@ def test_trajectory_with_its_remainders_stays_within_the_bound(pieces, slow, fas
         brake.add(begin, motion(0.0, reached.velocity.x - v))
         for t in (0.0, PERIOD, 2.0 * PERIOD):
             reached = motion(p + v * t + 0.5 * a * t * t, v + a * t)
-            highest = np.maximum(highest, np.abs((reached.position.x, reached.velocity.x, a)))
+            highest = np.maximum(
+                highest, np.abs((reached.position.x, reached.velocity.x, a))
+            )
             total = reached.plus(fade.at(begin + t)).plus(brake.at(begin + t))
             beyond = max(beyond, abs(total.position.x))
     position, velocity, acceleration = highest
-    assert beyond <= (position + 2.0 * (slow + fast / math.e) * velocity
-                      + fast ** 2 * acceleration + 1e-9)
+    assert beyond <= (
+        position
+        + 2.0 * (slow + fast / math.e) * velocity
+        + fast**2 * acceleration
+        + 1e-9
+    )
 
 
 def motion(x, vx):

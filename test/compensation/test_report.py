@@ -8,7 +8,10 @@ import pytest
 
 from facade_manipulator.compensation.compensator import Compensator, CorrectedPose
 from facade_manipulator.compensation.contact import ContactSettings
-from facade_manipulator.compensation.correction import CorrectionMode, CorrectionSettings
+from facade_manipulator.compensation.correction import (
+    CorrectionMode,
+    CorrectionSettings,
+)
 from facade_manipulator.compensation.report import (
     contact_components,
     correction_component,
@@ -18,7 +21,10 @@ from facade_manipulator.compensation.report import (
 )
 from facade_manipulator.kinematics import Geometry, Pose, ZERO_POSE
 
-POSE, WORDS = Pose(0.001, -0.02, math.radians(3.0)), 'x +1.0 mm, y -20.0 mm, theta +3.00 deg'
+POSE, WORDS = (
+    Pose(0.001, -0.02, math.radians(3.0)),
+    'x +1.0 mm, y -20.0 mm, theta +3.00 deg',
+)
 STEP = 0.02
 GOAL, NEXT, FAR = Pose(0.05, 0.25, 0.0), Pose(-0.05, 0.25, 0.0), Pose(0.3, 0.25, 0.0)
 LONG = 2.0  # s, in which a goal is reached
@@ -29,33 +35,51 @@ def compensator():
     return Compensator(Geometry())
 
 
-@pytest.mark.parametrize('mode, level, held', [
-    (CorrectionMode.ACTIVE, 'ok', 'warn'), (CorrectionMode.SETTLING, 'ok', 'warn'),
-    (CorrectionMode.DISABLED, 'warn', 'warn'), (CorrectionMode.NO_ESTIMATE, 'warn', 'warn'),
-    (CorrectionMode.SILENT, 'error', 'error')])
+@pytest.mark.parametrize(
+    'mode, level, held',
+    [
+        (CorrectionMode.ACTIVE, 'ok', 'warn'),
+        (CorrectionMode.SETTLING, 'ok', 'warn'),
+        (CorrectionMode.DISABLED, 'warn', 'warn'),
+        (CorrectionMode.NO_ESTIMATE, 'warn', 'warn'),
+        (CorrectionMode.SILENT, 'error', 'error'),
+    ],
+)
 def test_level_follows_mode_and_held_back_axes(compensator, mode, level, held):
     compensator.correction.mode = mode
     assert correction_outcome(compensator, 100.0, '') == (level, mode.value)
     compensator.held_back.note(100.0, ZERO_POSE, Pose(0.0, 0.01, 0.0))
     found, message = correction_outcome(compensator, 100.0, '')
     assert found == held and message.startswith(f'{mode.value}; held back in y ')
-    assert correction_outcome(compensator, 100.0, 'a fault') == ('error', f'{mode.value}; a fault')
+    assert correction_outcome(compensator, 100.0, 'a fault') == (
+        'error',
+        f'{mode.value}; a fault',
+    )
 
 
 def test_correction_values_have_the_unit_of_their_key(compensator):
     compensator.add_estimate(100.0, 99.95, ZERO_POSE, (1e-6, 4e-6, 1e-4))
     compensator.following.lag = 0.007
-    compensator.newest = CorrectedPose(0.0, 0.0, *[ZERO_POSE] * 2, POSE, POSE._replace(x=0.002))
-    *_, values = correction_component(compensator, 100.0, '', (0.002, math.radians(1.5)))
+    compensator.newest = CorrectedPose(
+        0.0, 0.0, *[ZERO_POSE] * 2, POSE, POSE._replace(x=0.002)
+    )
+    *_, values = correction_component(
+        compensator, 100.0, '', (0.002, math.radians(1.5))
+    )
     deviations = compensator.correction.deviations(100.067)
     assert values == {
-        'horizon [ms]': pytest.approx(60.0), 'age of the estimate [ms]': pytest.approx(50.0),
-        'lag of the head [ms]': pytest.approx(7.0), 'initialisations': 0,
+        'horizon [ms]': pytest.approx(60.0),
+        'age of the estimate [ms]': pytest.approx(50.0),
+        'lag of the head [ms]': pytest.approx(7.0),
+        'initialisations': 0,
         'left out of the estimate': 'z +2.0 mm, tilt 1.50 deg',
-        'corrected disturbance': WORDS, 'saturation error': WORDS.replace('+1.0', '+2.0'),
+        'corrected disturbance': WORDS,
+        'saturation error': WORDS.replace('+1.0', '+2.0'),
         'standard deviation of the prediction': (
             f'x {1e3 * deviations[0]:.2g} mm; y {1e3 * deviations[1]:.2g} mm; '
-            f'theta {math.degrees(deviations[2]):.2g} deg')}
+            f'theta {math.degrees(deviations[2]):.2g} deg'
+        ),
+    }
 
 
 def test_contact_values_have_the_unit_of_their_key(compensator):
@@ -66,11 +90,15 @@ def test_contact_values_have_the_unit_of_their_key(compensator):
     pressing.theta.offset = POSE.theta
     assert contact_components(compensator) == []  # nothing is enabled
     pressing.settings = ContactSettings(enabled=True)
-    (_, level, _, values), = contact_components(compensator)
+    ((_, level, _, values),) = contact_components(compensator)
     expected = {
-        'reason of the last retract': 'never', 'shift of the goal': WORDS,
-        'force on the wall [N]': 12.0, 'desired force at present [N]': 15.0,
-        'zero of the force [N]': -0.5, 'moment on the wall [N m]': 0.3}
+        'reason of the last retract': 'never',
+        'shift of the goal': WORDS,
+        'force on the wall [N]': 12.0,
+        'desired force at present [N]': 15.0,
+        'zero of the force [N]': -0.5,
+        'moment on the wall [N m]': 0.3,
+    }
     assert level == 'ok' and values | expected == values
     pressing.reason = 'no wall'
     assert contact_components(compensator)[0][1:3] == ('error', pressing.outcome)
@@ -82,11 +110,17 @@ class Machine:
     def __init__(self, motion: Pose = ZERO_POSE) -> None:
         self.sent: list[dict[str, str]] = []
         self.head = CompensatedHead(
-            motion, head=GOAL._replace(x=0.0), lag=0.0,
-            correction=CorrectionSettings(enabled=False))
+            motion,
+            head=GOAL._replace(x=0.0),
+            lag=0.0,
+            correction=CorrectionSettings(enabled=False),
+        )
         self.warnings: list[str] = []
         self.report = GoalReport(
-            lambda goal: self.sent.append(goal[3]), self.head.compensator, self.warnings.append)
+            lambda goal: self.sent.append(goal[3]),
+            self.head.compensator,
+            self.warnings.append,
+        )
 
     def follow(self, goal: Pose, stamp: str) -> None:
         self.head.compensator.set_goal(goal)
@@ -116,8 +150,12 @@ def test_reached_goal_is_reported_in_each_of_its_states(machine):
     assert states(machine.sent) == ['accepted', 'moving', 'reached']
     assert {one['goal stamp'] for one in machine.sent} == {'1.0'}
     to_go = [one['time to go [s]'] for one in sent]
-    assert all(a > b for a, b in zip(to_go, to_go[1:], strict=False)) and to_go[-1] == 0.0
-    assert to_go[0] == pytest.approx(GOAL_PERIOD * (len(sent) - 1), abs=2.0 * GOAL_PERIOD)
+    assert (
+        all(a > b for a, b in zip(to_go, to_go[1:], strict=False)) and to_go[-1] == 0.0
+    )
+    assert to_go[0] == pytest.approx(
+        GOAL_PERIOD * (len(sent) - 1), abs=2.0 * GOAL_PERIOD
+    )
     assert machine.run(1.0) == []
 
 
@@ -141,7 +179,7 @@ def test_end_of_a_goal_is_reported_once(machine, duration):
     machine.sent.clear()
     machine.report.end('the drives are halted')
     machine.report.end('the driver is silent')
-    ended, = machine.sent
+    (ended,) = machine.sent
     assert (ended['state'], ended['reason']) == ('ended', 'the drives are halted')
     assert machine.run(1.0) == []
 
@@ -150,8 +188,9 @@ def test_rejected_goal_is_reported_beside_the_followed_goal(machine):
     machine.follow(GOAL, '1.0')
     machine.report.reject('2.0', 'far')
     rejected, *later = [machine.sent[-1], *machine.run(1.0)]
-    assert [rejected[key] for key in ('state', 'reason', 'goal stamp', 'followed x [mm]')] == [
-        'rejected', 'far', '2.0', 50.0]
+    assert [
+        rejected[key] for key in ('state', 'reason', 'goal stamp', 'followed x [mm]')
+    ] == ['rejected', 'far', '2.0', 50.0]
     assert {(one['goal stamp'], one['rejection']) for one in later} == {('1.0', 'far')}
     machine.follow(NEXT, '3.0')
     assert 'rejection' not in machine.sent[-1]
@@ -160,7 +199,9 @@ def test_rejected_goal_is_reported_beside_the_followed_goal(machine):
 def test_held_back_head_is_reported_with_the_axis(machine):
     machine.follow(FAR, '1.0')
     machine.run(0.1)
-    machine.head.compensator.held_back.note(machine.head.now, *[Pose(0.0, 0.01, 0.0)] * 2)
+    machine.head.compensator.held_back.note(
+        machine.head.now, *[Pose(0.0, 0.01, 0.0)] * 2
+    )
     sent = machine.run(2.0)
     assert states(sent) == ['held back', 'moving'] and 'in y' in sent[0]['reason']
     assert sent[-1]['reason'] == ''
@@ -171,22 +212,36 @@ def test_held_back_head_is_reported_with_the_axis(machine):
     assert len(machine.sent) == before + 1
 
 
-@pytest.mark.parametrize('motion, is_enabled, reason', [
-    (ZERO_POSE, True, 'the correction is faded out: the estimator is silent or rejected for more '
-     'than 0.5 s; next: check the estimator'),
-    (Pose(0.02, 0.0, 0.0), False,
-     'the correction is disabled; next: call compensator/enable with true')])
+@pytest.mark.parametrize(
+    'motion, is_enabled, reason',
+    [
+        (
+            ZERO_POSE,
+            True,
+            'the correction is faded out: the estimator is silent or rejected for more '
+            'than 0.5 s; next: check the estimator',
+        ),
+        (
+            Pose(0.02, 0.0, 0.0),
+            False,
+            'the correction is disabled; next: call compensator/enable with true',
+        ),
+    ],
+)
 def test_uncorrected_goal_is_held_back_with_the_cause(motion, is_enabled, reason):
     machine = Machine(motion)
     correction = machine.head.compensator.correction
     correction.enabled = True
     machine.follow(GOAL, '1.0')
     assert states(machine.run(6.0))[-1] == 'reached'
-    correction.enabled, machine.head.variances = is_enabled, None if is_enabled else (0.0,) * 3
+    correction.enabled, machine.head.variances = (
+        is_enabled,
+        None if is_enabled else (0.0,) * 3,
+    )
     sent = machine.run(2.0)
     assert states(sent) == ['held back'] and {one['reason'] for one in sent} == {reason}
-    warning, = machine.warnings
-    assert warning == f"goal held back: {sent[0]['reason']}"
+    (warning,) = machine.warnings
+    assert warning == f'goal held back: {sent[0]["reason"]}'
     # the place of the head on the wall is unknown without estimates
     assert {math.isnan(one['distance [mm]']) for one in sent[1:]} == {is_enabled}
     correction.enabled, machine.head.variances = True, (0.0,) * 3

@@ -12,11 +12,18 @@ from facade_manipulator.kinematics import Geometry, Mechanism, Pose
 
 GEOMETRY = Geometry()
 MADE = Geometry(
-    link_errors=(1e-3, -1e-3), platform_errors=(-1e-3, 1e-3), rail_angle=0.01,
-    carriage_offsets=(2e-3, -1e-3, 1e-3), tool=(0.01, 0.08, 0.02))
-anywhere = st.builds(Pose, st.floats(-1.0, 1.0), st.floats(-0.5, 0.6), st.floats(-1.0, 1.0))
+    link_errors=(1e-3, -1e-3),
+    platform_errors=(-1e-3, 1e-3),
+    rail_angle=0.01,
+    carriage_offsets=(2e-3, -1e-3, 1e-3),
+    tool=(0.01, 0.08, 0.02),
+)
+anywhere = st.builds(
+    Pose, st.floats(-1.0, 1.0), st.floats(-0.5, 0.6), st.floats(-1.0, 1.0)
+)
 well_inside = st.builds(
-    Pose, st.floats(-0.25, 0.25), st.floats(0.2, 0.28), st.floats(-0.1, 0.1))
+    Pose, st.floats(-0.25, 0.25), st.floats(0.2, 0.28), st.floats(-0.1, 0.1)
+)
 
 
 @pytest.mark.parametrize('geometry', [GEOMETRY, MADE], ids=['drawn', 'made'])
@@ -44,7 +51,8 @@ def test_saturated_x_keeps_the_distance_from_an_oblique_wall(pose, slope):
     if not inside.saturation_error.y:
         gained = inside.pose.y - pose.y
         assert gained == pytest.approx(
-            slope * inside.saturation_error.x, abs=0.12 * abs(gained) + 1e-9)
+            slope * inside.saturation_error.x, abs=0.12 * abs(gained) + 1e-9
+        )
 
 
 @pytest.mark.parametrize('axis', range(3))
@@ -68,9 +76,13 @@ def test_pose_far_outside_is_saturated_at_the_margin(margin, sign):
     limit = WorkspaceLimit(GEOMETRY, margin)
     aside = limit.saturate(Pose(sign, 0.25, 0.0)).pose
     left, right, _ = Mechanism(GEOMETRY).inverse_kinematics(aside)
-    assert min(left - GEOMETRY.stroke[0], GEOMETRY.stroke[1] - right) == pytest.approx(margin)
+    assert min(left - GEOMETRY.stroke[0], GEOMETRY.stroke[1] - right) == pytest.approx(
+        margin
+    )
     assert limit.saturate(Pose(0.0, 1.0, 0.0)).pose.y == pytest.approx(
-        GEOMETRY.link_length - margin)
+        GEOMETRY.link_length - margin
+    )
     turned = limit.saturate(Pose(0.0, 0.3, sign)).pose
-    assert abs(turned.y) + GEOMETRY.platform_half_length * math.sin(abs(turned.theta)) == (
-        pytest.approx(GEOMETRY.link_length - margin))
+    assert abs(turned.y) + GEOMETRY.platform_half_length * math.sin(
+        abs(turned.theta)
+    ) == (pytest.approx(GEOMETRY.link_length - margin))

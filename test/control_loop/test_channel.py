@@ -9,7 +9,9 @@ from facade_manipulator.control_loop.channel import Channel
 
 
 def test_threads_sending_at_once_neither_wait_nor_mix_messages():
-    ours, theirs = map(Channel, socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET))
+    ours, theirs = map(
+        Channel, socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    )
     with ours._sending:
         assert ours.send('state', 1) is ours.send('reply', 2) is False
 

@@ -29,7 +29,10 @@ class LoopRig(Rig):
     def __init__(self, **changes: object) -> None:
         settings = replace(SETTINGS, **changes)
         super().__init__(settings)
-        self.repeated: Message | None = ('feed', ())  #: what the node sends in each cycle
+        self.repeated: Message | None = (
+            'feed',
+            (),
+        )  #: what the node sends in each cycle
         self.has_ended = False
         self.sent = defaultdict(list)  #: contents of the messages of the loop, by kind
         self._inbox: deque[Message] = deque()
@@ -37,10 +40,16 @@ class LoopRig(Rig):
         self.controller.start = lambda: None
         self.controller.close = lambda timeout: self.request('close')
         self.loop = ControlLoop(
-            LoopSetup(Geometry(), settings, self.axes), self, self.clock,
-            (self.follower, self.controller))
+            LoopSetup(Geometry(), settings, self.axes),
+            self,
+            self.clock,
+            (self.follower, self.controller),
+        )
         send_state = self.loop._send_state
-        self.loop._send_state = lambda snapshot: (send_state(snapshot), self._observe(snapshot))
+        self.loop._send_state = lambda snapshot: (
+            send_state(snapshot),
+            self._observe(snapshot),
+        )
 
     # --- the node
 
@@ -81,10 +90,15 @@ def hang(rig, sending=None):
     rig.repeated = sending
 
 
-@pytest.mark.parametrize(('leave', 'errors'), [
-    (LoopRig.close, 1), (hang, 1),
-    (lambda rig: hang(rig, ('setpoint', (0.0, HOME, (0.0,) * 3))), 1),
-    (lambda rig: rig.say('close'), 0)])
+@pytest.mark.parametrize(
+    ('leave', 'errors'),
+    [
+        (LoopRig.close, 1),
+        (hang, 1),
+        (lambda rig: hang(rig, ('setpoint', (0.0, HOME, (0.0,) * 3))), 1),
+        (lambda rig: rig.say('close'), 0),
+    ],
+)
 def test_node_lost_at_full_speed_ends_in_a_ramp(caplog, leave, errors):
     rig = LoopRig(watchdog_timeout=0.3)
     in_motion(rig)
@@ -93,9 +107,14 @@ def test_node_lost_at_full_speed_ends_in_a_ramp(caplog, leave, errors):
     leave(rig)
     begin = rig.clock.now
     assert rig.serve(RAMP_TIME) and rig.clock.now < begin + RAMP_TIME
-    words = [decode_rpdo1(frame.data).controlword for frame in rig.frames()
-             if frame.cob_id == pdo.RPDO1.cob_id(1)]
-    assert Controlword.QUICK_STOP not in words and words[-1] == Controlword.DISABLE_VOLTAGE
+    words = [
+        decode_rpdo1(frame.data).controlword
+        for frame in rig.frames()
+        if frame.cob_id == pdo.RPDO1.cob_id(1)
+    ]
+    assert (
+        Controlword.QUICK_STOP not in words and words[-1] == Controlword.DISABLE_VOLTAGE
+    )
     assert (rig.state, rig.drive_states) == (ControllerState.CLOSED, OFF)
     assert caplog.text.count('the carriages ramp down and the power goes off') == errors
 
@@ -130,11 +149,17 @@ def test_node_hanging_without_power_keeps_the_loop(caplog):
 
 def test_invalid_messages_and_requests_keep_the_loop():
     rig, limits = LoopRig(), MotionLimits(speed=0.1)
-    for message in (('nonsense',), ('request', 1, 'nonsense'), ('setpoint', 'x'), ('limits',),
-                    ('limits', limits),
-                    ('limits', replace(limits, speed=5.0)),  # the carriages could touch
-                    ('forces', 1.0, 2.0, 3.0),  # real drives have none
-                    ('request', 3, 'activate'), ('request', 7, 'configure')):
+    for message in (
+        ('nonsense',),
+        ('request', 1, 'nonsense'),
+        ('setpoint', 'x'),
+        ('limits',),
+        ('limits', limits),
+        ('limits', replace(limits, speed=5.0)),  # the carriages could touch
+        ('forces', 1.0, 2.0, 3.0),  # real drives have none
+        ('request', 3, 'activate'),
+        ('request', 7, 'configure'),
+    ):
         rig.say(*message)
     assert not rig.serve(5.0)
     assert rig.follower._limiter.limits == limits

@@ -18,17 +18,30 @@ from facade_manipulator.errors import DriveError, ManipulatorError, ParameterErr
 from facade_manipulator.motion.follower import StreamStatus
 from facade_manipulator.motion.setpoints import Setpoint
 
-AXES = (snapshots.AxisSnapshot('q1', 1, 0x0027, velocity=-0.2, homed=True),
-        snapshots.AxisSnapshot('q2', 2))
+AXES = (
+    snapshots.AxisSnapshot('q1', 1, 0x0027, velocity=-0.2, homed=True),
+    snapshots.AxisSnapshot('q2', 2),
+)
 STILL = (0.0,) * 3
-RUNS = {'wait.side_effect': subprocess.TimeoutExpired('loop', 1.0)}  # a process that hangs
-KILLED = [call.wait(0.0), call.kill(), call.wait(1.0)]  # the last so that no zombie stays
+RUNS = {
+    'wait.side_effect': subprocess.TimeoutExpired('loop', 1.0)
+}  # a process that hangs
+KILLED = [
+    call.wait(0.0),
+    call.kill(),
+    call.wait(1.0),
+]  # the last so that no zombie stays
 
 
 def state(number=0, kind=ControllerState.INACTIVE):
     """Return the message that a loop sends in a cycle."""
-    return 'state', snapshots.ControllerSnapshot(kind, float(number), AXES, (
-        snapshots.Cause('first', 'wait'),)), StreamStatus('following', 1)
+    return (
+        'state',
+        snapshots.ControllerSnapshot(
+            kind, float(number), AXES, (snapshots.Cause('first', 'wait'),)
+        ),
+        StreamStatus('following', 1),
+    )
 
 
 READY = state()
@@ -68,9 +81,14 @@ def test_states_are_taken_once_and_the_newest_kept():
     assert ('state', peer.node.snapshot(), peer.node.stream_status()) == state(5)
 
 
-@pytest.mark.parametrize('kind, bound', [  # 3 s and 30 s of feeds
-    (ControllerState.ACTIVE, 60), (ControllerState.UNCONFIGURED, 600),
-    (ControllerState.BUS_LOST, 600)])
+@pytest.mark.parametrize(
+    'kind, bound',
+    [  # 3 s and 30 s of feeds
+        (ControllerState.ACTIVE, 60),
+        (ControllerState.UNCONFIGURED, 600),
+        (ControllerState.BUS_LOST, 600),
+    ],
+)
 def test_silent_loop_is_ended_after_many_feeds(kind, bound):
     peer = Peer(state(1, kind), **RUNS)
     job = peer.node.request('halt')
@@ -85,14 +103,27 @@ def test_silent_loop_is_ended_after_many_feeds(kind, bound):
     assert peer.process.mock_calls == KILLED and job.done()
     lost = peer.node.snapshot()
     assert lost.state is ControllerState.LOST and lost.unhomed == ('q1', 'q2')
-    assert f'fed {bound + 1} times, bound {bound}, and was ended; the drives stop' in lost.cause
+    assert (
+        f'fed {bound + 1} times, bound {bound}, and was ended; the drives stop'
+        in lost.cause
+    )
     assert 'then configure' in lost.next_step
 
 
-@pytest.mark.parametrize('wait, shown', [
-    ({'wait.return_value': 0}, '0; the drives that it had configured have confirmed'),
-    ({'wait.return_value': -9}, '-9; the drives stop because its heartbeat is missing'),
-    (RUNS, 'unknown, killed')])
+@pytest.mark.parametrize(
+    'wait, shown',
+    [
+        (
+            {'wait.return_value': 0},
+            '0; the drives that it had configured have confirmed',
+        ),
+        (
+            {'wait.return_value': -9},
+            '-9; the drives stop because its heartbeat is missing',
+        ),
+        (RUNS, 'unknown, killed'),
+    ],
+)
 def test_ended_loop_is_lost_and_rejects_requests(wait, shown):
     peer = Peer(**wait)
     before = peer.node.request('halt')
@@ -107,7 +138,12 @@ def test_ended_loop_is_lost_and_rejects_requests(wait, shown):
 
 def test_forbidden_power_reaches_the_next_loop():
     peer = Peer()
-    forbidden = [('stop', 'send false'), ('stop', ''), ('', ''), ('again', 'send false')]
+    forbidden = [
+        ('stop', 'send false'),
+        ('stop', ''),
+        ('', ''),
+        ('again', 'send false'),
+    ]
     for cause, remedy in (forbidden[0], *forbidden):
         peer.node.forbid_power(cause, remedy)
     assert peer.taken() == [('forbid', *one) for one in forbidden]
@@ -131,9 +167,14 @@ def test_full_channel_drops_setpoints_but_not_stops():
     assert [one[0] for one in urgent] == ['stop', 'forbid', 'limits', 'request']
 
 
-@pytest.mark.parametrize('first, error, message', [
-    (('failed', 'q1 = q2'), ParameterError, 'q1 = q2'),
-    (('other',), ManipulatorError, 'did not start'), ((), ManipulatorError, 'did not start')])
+@pytest.mark.parametrize(
+    'first, error, message',
+    [
+        (('failed', 'q1 = q2'), ParameterError, 'q1 = q2'),
+        (('other',), ManipulatorError, 'did not start'),
+        ((), ManipulatorError, 'did not start'),
+    ],
+)
 def test_loop_that_does_not_start_is_ended(first, error, message):
     kill = Mock()
     with pytest.raises(error, match=message):
@@ -146,10 +187,16 @@ def test_close_returns_the_last_answer_of_the_loop():
     peer.channel.send('reply', 0, True, 'power: confirmed off')
     assert peer.node.close() == peer.node.close() == 'power: confirmed off'
     closed = peer.node.snapshot()
-    assert (closed.state, closed.causes, closed.next_step) == (ControllerState.CLOSED, (), '')
+    assert (closed.state, closed.causes, closed.next_step) == (
+        ControllerState.CLOSED,
+        (),
+        '',
+    )
     assert [message[0] for message in peer.taken()] == ['request', 'feed', 'close']
-    (timeout,), = peer.process.wait.call_args_list[0][:1]
-    assert not peer.process.kill.called and timeout == pytest.approx(CLOSE_TIMEOUT, abs=1.0)
+    ((timeout,),) = peer.process.wait.call_args_list[0][:1]
+    assert not peer.process.kill.called and timeout == pytest.approx(
+        CLOSE_TIMEOUT, abs=1.0
+    )
     assert str(peer.node.request('home').exception()) == 'the control loop is closed'
 
 
@@ -160,7 +207,11 @@ def test_close_feeds_the_loop_and_times_out(monkeypatch):
         peer.node.close()
     assert time.monotonic() - begin >= 0.2 + SETUP.extra_time
     closed = peer.node.snapshot()
-    assert (closed.state, closed.causes, closed.next_step) == (ControllerState.CLOSED, (), '')
+    assert (closed.state, closed.causes, closed.next_step) == (
+        ControllerState.CLOSED,
+        (),
+        '',
+    )
     first, *feeds, last = [message[0] for message in peer.taken()]
     assert (first, {*feeds}, last) == ('request', {'feed'}, 'close') and len(feeds) > 3
     assert peer.process.mock_calls == KILLED

@@ -12,7 +12,11 @@ from control_loop.loop_bench import SETUP
 import pytest
 from support import DEADLINE, wait_until
 
-from facade_manipulator.control_loop.process import FEED_PERIOD, LoopClient, start_process
+from facade_manipulator.control_loop.process import (
+    FEED_PERIOD,
+    LoopClient,
+    start_process,
+)
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.errors import ManipulatorError, ParameterError
 
@@ -47,8 +51,11 @@ def request(client, *names):
     """Request one transition after another; return the last answer."""
     for name in names:
         job = client.request(name)
-        wait_until(lambda job=job: client.feed() or job.done(), name,
-                   step=lambda: time.sleep(FEED_PERIOD))
+        wait_until(
+            lambda job=job: client.feed() or job.done(),
+            name,
+            step=lambda: time.sleep(FEED_PERIOD),
+        )
     return job.result()
 
 
@@ -60,7 +67,10 @@ def test_contradictory_setup_is_rejected(start_loop):
 def test_sigterm_to_the_loop_ends_it_in_order(start_loop):
     client = start_loop()
     request(client, 'configure', 'home', 'activate')
-    for number in (signal.SIGINT, signal.SIGHUP):  # a terminal's signals concern only the node
+    for number in (
+        signal.SIGINT,
+        signal.SIGHUP,
+    ):  # a terminal's signals concern only the node
         os.kill(client._process.pid, number)
     with pytest.raises(ManipulatorError, match='cleanup is not possible'):
         request(client, 'cleanup')
@@ -69,14 +79,19 @@ def test_sigterm_to_the_loop_ends_it_in_order(start_loop):
 
 
 def test_loop_that_cannot_end_is_ended_by_the_kernel(start_loop):
-    client = start_loop(lambda end: subprocess.Popen(
-        [sys.executable, '-c', HANGING, str(end.fileno())], pass_fds=(end.fileno(),)))
+    client = start_loop(
+        lambda end: subprocess.Popen(
+            [sys.executable, '-c', HANGING, str(end.fileno())], pass_fds=(end.fileno(),)
+        )
+    )
     request(client, 'configure')
     client._channel._socket.shutdown(2)
     assert client._process.wait(DEADLINE) == -signal.SIGALRM
 
 
-def test_modules_of_the_working_directory_are_ignored(start_loop, monkeypatch, tmp_path):
+def test_modules_of_the_working_directory_are_ignored(
+    start_loop, monkeypatch, tmp_path
+):
     for name in ('can', 'numpy', 'queue', 'sitecustomize'):
         (tmp_path / f'{name}.py').write_text('import os; os._exit(77)')
     monkeypatch.chdir(tmp_path)

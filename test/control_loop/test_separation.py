@@ -43,14 +43,28 @@ def swing(chance):
     sign, apart = chance.choice((1.0, -1.0)), chance.choice((0.05, 0.2, 1.0))
     common, *own = [
         (chance.uniform(0.0, 0.2), chance.uniform(0.5, 5.0), chance.uniform(0.0, 6.3))
-        for _ in range(4)]
+        for _ in range(4)
+    ]
     waves = [((sign * apart, one), (2.0 * sign, common)) for one in own]
 
     def course(time):
-        return ([sum(scale * size * (math.sin(rate * time + phase) - math.sin(phase))
-                     for scale, (size, rate, phase) in axis) for axis in waves],
-                [sum(scale * size * rate * math.cos(rate * time + phase)
-                     for scale, (size, rate, phase) in axis) for axis in waves])
+        return (
+            [
+                sum(
+                    scale * size * (math.sin(rate * time + phase) - math.sin(phase))
+                    for scale, (size, rate, phase) in axis
+                )
+                for axis in waves
+            ],
+            [
+                sum(
+                    scale * size * rate * math.cos(rate * time + phase)
+                    for scale, (size, rate, phase) in axis
+                )
+                for axis in waves
+            ],
+        )
+
     return course
 
 
@@ -58,13 +72,25 @@ def swing(chance):
 def test_no_carriage_touches_a_neighbour_that_fails(seed):
     chance = random.Random(seed)
     lag, failure, middle = (
-        chance.choice(LAGS), chance.choice(FAILURES), chance.uniform(-0.1, 0.1))
-    homes = (middle - chance.uniform(0.021, 0.1), middle + chance.uniform(0.021, 0.1), middle)
-    axes = tuple(replace(axis, home_position=home)
-                 for axis, home in zip(DEFAULT_AXES, homes, strict=True))
-    rig = Rig(replace(SETTINGS, drive_lag=lag, hold_cycles=1), axes,
-              [SimulatedDrive(axis, SimulationSettings(lag=lag)) for axis in axes],
-              limits=MotionLimits(speed=min(0.5, 0.0149 / max(lag, 1e-3))))
+        chance.choice(LAGS),
+        chance.choice(FAILURES),
+        chance.uniform(-0.1, 0.1),
+    )
+    homes = (
+        middle - chance.uniform(0.021, 0.1),
+        middle + chance.uniform(0.021, 0.1),
+        middle,
+    )
+    axes = tuple(
+        replace(axis, home_position=home)
+        for axis, home in zip(DEFAULT_AXES, homes, strict=True)
+    )
+    rig = Rig(
+        replace(SETTINGS, drive_lag=lag, hold_cycles=1),
+        axes,
+        [SimulatedDrive(axis, SimulationSettings(lag=lag)) for axis in axes],
+        limits=MotionLimits(speed=min(0.5, 0.0149 / max(lag, 1e-3))),
+    )
     rig.request('configure', 'home', 'activate')
     rig.course = swing(chance)
     rig.run(chance.uniform(0.05, 0.9))
@@ -77,9 +103,14 @@ def test_no_carriage_touches_a_neighbour_that_fails(seed):
         assert min(q3 - q1, q2 - q3) > TOUCHING
 
 
-@pytest.mark.parametrize(('lie', 'message'), [
-    (lambda drive: setattr(drive, 'is_deaf', True), 'q2 (node 2) is 0.0'),
-    (half_following, 'q2 (node 2) is 0.0'), (ignore_targets, 'bit 12 is 0')])
+@pytest.mark.parametrize(
+    ('lie', 'message'),
+    [
+        (lambda drive: setattr(drive, 'is_deaf', True), 'q2 (node 2) is 0.0'),
+        (half_following, 'q2 (node 2) is 0.0'),
+        (ignore_targets, 'bit 12 is 0'),
+    ],
+)
 def test_drive_that_follows_half_stops_all(lie, message):
     rig = Rig()
     in_motion(rig)
@@ -87,4 +118,6 @@ def test_drive_that_follows_half_stops_all(lie, message):
     rig.until(lambda: rig.state is not ControllerState.ACTIVE)
     assert message in rig.all_causes
     off = abs(rig.follower.motion.position[1] - rig.carriages[1])
-    assert off <= 0.015 + MotionLimits().speed * (rig.settings.drive_lag + 4 * rig.settings.period)
+    assert off <= 0.015 + MotionLimits().speed * (
+        rig.settings.drive_lag + 4 * rig.settings.period
+    )

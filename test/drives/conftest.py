@@ -33,9 +33,10 @@ def rig(make_rig):
 @pytest.fixture
 def axes_with(tmp_path):
     """Return a function that makes axes with a changed drive type of the package."""
+
     def make(base='simulated', **changes):
         data = yaml.safe_load(config_path(f'drives/{base}.yaml').read_text())
-        data |= {'eds': str(config_path(f"drives/{data['eds']}")), **changes}
+        data |= {'eds': str(config_path(f'drives/{data["eds"]}')), **changes}
         path = tmp_path / 'mine.yaml'
         path.write_text(yaml.safe_dump(data, sort_keys=False))
         return tuple(replace(axis, profile=str(path)) for axis in DEFAULT_AXES)

@@ -21,14 +21,18 @@ def lose(rig):
     rig.until(lambda: rig.state is ControllerState.BUS_LOST)
 
 
-@pytest.mark.parametrize(('request_', 'state'), [
-    ('cleanup', ControllerState.UNCONFIGURED), ('close', ControllerState.CLOSED)])
+@pytest.mark.parametrize(
+    ('request_', 'state'),
+    [('cleanup', ControllerState.UNCONFIGURED), ('close', ControllerState.CLOSED)],
+)
 def test_lost_bus_can_be_cleaned_up_and_closed(rig, request_, state):
     at_rest(rig)
     lose(rig)
     rig.until(lambda: rig.snapshot.axes[0].heartbeat_age > 1.0)
     assert 'the control loop failed' not in rig.all_causes
-    assert 'q3 (node 3) is not confirmed off: the bus is lost' in rig.rejection(request_)
+    assert 'q3 (node 3) is not confirmed off: the bus is lost' in rig.rejection(
+        request_
+    )
     assert rig.state is state
     rig.bus_error = None
     if request_ == 'cleanup':  # drives that miss our heartbeat have no other master
@@ -50,28 +54,36 @@ def test_drives_behind_lost_bus_are_configured_and_homed_again(rig, meanwhile):
     assert rig.state is ControllerState.BUS_LOST and rig.bus is None
     assert rig.snapshot.unhomed == AXIS_NAMES
     for request in ('configure', 'home', 'activate', 'clear_faults'):
-        assert 'next: check the CAN bus, wait until it is back, then cleanup, configure, home, ' \
-               'activate' in rig.rejection(request)
+        assert (
+            'next: check the CAN bus, wait until it is back, then cleanup, configure, home, '
+            'activate' in rig.rejection(request)
+        )
     assert 'configure, home, activate' in rig.rejection('cleanup')
     rig.request('configure')
     assert 'must be homed' in rig.rejection('activate')
     rig.request('home', 'activate')
 
 
-@pytest.mark.parametrize(('is_virtual', 'remedy'), [(False, Remedy.BUS), (True, Remedy.COMPUTER)])
+@pytest.mark.parametrize(
+    ('is_virtual', 'remedy'), [(False, Remedy.BUS), (True, Remedy.COMPUTER)]
+)
 def test_silence_of_all_drives_is_attributed_to_the_bus(rig, is_virtual, remedy):
     configured(rig)
     rig.bus.is_virtual = is_virtual
     for drive in rig.drives:
         drive.is_silent = True
     rig.until(lambda: rig.state is ControllerState.STOPPED)
-    cause, = rig.snapshot.causes
-    assert cause.message.startswith('no drive answers any longer: q1 (node 1) did not answer')
+    (cause,) = rig.snapshot.causes
+    assert cause.message.startswith(
+        'no drive answers any longer: q1 (node 1) did not answer'
+    )
     assert cause.remedy == remedy
 
 
-@pytest.mark.parametrize(('seconds', 'state'), [
-    (0.1, ControllerState.STOPPED), (0.3, ControllerState.BUS_LOST)])
+@pytest.mark.parametrize(
+    ('seconds', 'state'),
+    [(0.1, ControllerState.STOPPED), (0.3, ControllerState.BUS_LOST)],
+)
 def test_full_send_queue_is_lost_bus_after_200_ms(rig, monkeypatch, seconds, state):
     def reject(*_):
         raise BusCongestedError('can0: the send queue is full')
@@ -101,11 +113,14 @@ def spoil_frames(rig, kind, share):
 
     for drive in rig.drives:
         connect(drive)
-    rig.deliver = lambda frames: [spoilt(lambda one=one: deliver([one]) or []) for one in frames]
+    rig.deliver = lambda frames: [
+        spoilt(lambda one=one: deliver([one]) or []) for one in frames
+    ]
 
 
 @pytest.mark.parametrize(
-    ('kind', 'share'), [('dropped', 0.05), ('doubled', 0.2), ('delayed', 0.2)])
+    ('kind', 'share'), [('dropped', 0.05), ('doubled', 0.2), ('delayed', 0.2)]
+)
 def test_dropped_doubled_or_late_frames_keep_limits(rig, kind, share):
     in_motion(rig)
     rig.checks.is_late = True  # a SYNC waits for answers that do not come
@@ -134,7 +149,9 @@ def test_configure_sends_nothing_beside_another_master(rig, name):
     with pytest.raises(BusError, match='another master uses this bus') as caught:
         job.result()
     assert name in str(caught.value)
-    sent = {(frame.cob_id, frame.data) for frame in rig.frames() if frame.cob_id < 0x581}
+    sent = {
+        (frame.cob_id, frame.data) for frame in rig.frames() if frame.cob_id < 0x581
+    }
     assert sent <= {FRAMES[name]}
     assert rig.state is ControllerState.UNCONFIGURED
     rig.request('configure')
@@ -149,9 +166,14 @@ def test_configure_sends_nothing_within_two_heartbeats(rig):
     assert rig.frames()
 
 
-@pytest.mark.parametrize(('situation', 'name'), [
-    ('configured', 'its heartbeat (77Fh)'), ('active at rest', 'SYNC (080h)'),
-    ('active in motion', 'process data for node 3')])
+@pytest.mark.parametrize(
+    ('situation', 'name'),
+    [
+        ('configured', 'its heartbeat (77Fh)'),
+        ('active at rest', 'SYNC (080h)'),
+        ('active in motion', 'process data for node 3'),
+    ],
+)
 def test_master_that_starts_later_stops_all_and_is_named(rig, situation, name):
     SITUATIONS[situation](rig)
     rig.forge(*FRAMES[name])

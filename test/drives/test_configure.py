@@ -19,13 +19,19 @@ def test_drives_just_switched_on_are_configured(rig):
         drive.reboot()
     configured(rig)
     assert rig.state is ControllerState.INACTIVE
-    assert [note for note in rig.snapshot.notes
-            if 'q2 (node 2) accepts any drive: set its serial_number, now 2' in note]
+    assert [
+        note
+        for note in rig.snapshot.notes
+        if 'q2 (node 2) accepts any drive: set its serial_number, now 2' in note
+    ]
 
 
 def test_drive_with_other_identity_is_rejected(make_rig):
-    rig = make_rig(axes=tuple(replace(axis, serial_number=100 + axis.node_id)
-                              for axis in DEFAULT_AXES))
+    rig = make_rig(
+        axes=tuple(
+            replace(axis, serial_number=100 + axis.node_id) for axis in DEFAULT_AXES
+        )
+    )
     rig.request('configure')
     assert not rig.snapshot.notes
     rig.request('cleanup')
@@ -92,7 +98,8 @@ def test_slow_drive_ends_configure_in_time(rig, monkeypatch):
 def test_missing_process_data_are_named_at_configure(rig):
     receive = rig.drives[1].receive
     rig.drives[1].receive = lambda *frame: [
-        one for one in receive(*frame) if one[0] != pdo.TPDO3.cob_id(2)]
+        one for one in receive(*frame) if one[0] != pdo.TPDO3.cob_id(2)
+    ]
     with pytest.raises(DriveError, match=r'TPDO3 of q2 \(node 2\) did not arrive'):
         rig.request('configure')
     assert rig.state is ControllerState.UNCONFIGURED
@@ -112,6 +119,8 @@ def test_changed_object_prevents_clear_faults(rig):
     rig.controller.stop('enough')
     rig.until_stopped()
     rig.drives[1].objects.values[0x6065, 0] = 5
-    assert 'The faults remain: q2 (node 2): object 6065h:00 reads back as 5' in rig.rejection(
-        'clear_faults')
+    assert (
+        'The faults remain: q2 (node 2): object 6065h:00 reads back as 5'
+        in rig.rejection('clear_faults')
+    )
     assert 'then cleanup, configure, home, activate' in rig.snapshot.next_step

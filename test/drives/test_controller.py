@@ -27,8 +27,13 @@ def requests_of(message: str) -> list[str]:
 
 def test_normal_sequence_from_configure_to_cleanup_succeeds(rig):
     answer = rig.request('configure')
-    assert 'power: confirmed off' in answer and requests_of(answer) == ['home', 'activate']
-    with pytest.raises(DriveStateError, match='q3 must be homed; .*next: home, activate'):
+    assert 'power: confirmed off' in answer and requests_of(answer) == [
+        'home',
+        'activate',
+    ]
+    with pytest.raises(
+        DriveStateError, match='q3 must be homed; .*next: home, activate'
+    ):
         rig.request('activate')
     assert rig.state is ControllerState.INACTIVE and rig.drive_states == OFF
     answer = rig.request('home')
@@ -39,7 +44,9 @@ def test_normal_sequence_from_configure_to_cleanup_succeeds(rig):
     assert 'follow' in answer and 'next' not in answer
     rig.until(lambda: rig.carriages[0] > HOME[0] + 0.02)
     axis = rig.snapshot.axes[0]
-    assert axis.state is State.OPERATION_ENABLED and axis.statusword & Status.DRIVE_FOLLOWS
+    assert (
+        axis.state is State.OPERATION_ENABLED and axis.statusword & Status.DRIVE_FOLLOWS
+    )
     assert (axis.homed, axis.serial_number, type(axis.force)) == (True, 1, float)
     answer = rig.request('deactivate')
     assert 'power: confirmed off' in answer and rig.drive_states == OFF
@@ -49,7 +56,9 @@ def test_normal_sequence_from_configure_to_cleanup_succeeds(rig):
     assert 'have confirmed that their power is off' in answer
     assert requests_of(answer) == ['configure', 'home', 'activate']
     assert (rig.state, rig.snapshot.power) == (ControllerState.UNCONFIGURED, 'unknown')
-    rig.until(lambda: {drive.objects.nmt.state for drive in rig.drives} == {'PRE-OPERATIONAL'})
+    rig.until(
+        lambda: {drive.objects.nmt.state for drive in rig.drives} == {'PRE-OPERATIONAL'}
+    )
     rig.request('configure')
 
 
@@ -71,12 +80,16 @@ def test_halt_holds_and_activate_resumes(rig):
     rig.until(lambda: abs(rig.carriages[0] - held) > 0.005)
 
 
-@pytest.mark.parametrize(('request_', 'cycles', 'unhomed'), [
-    ('activate', 0, ()), ('activate', 12, ()), ('home', 12, AXIS_NAMES)])
+@pytest.mark.parametrize(
+    ('request_', 'cycles', 'unhomed'),
+    [('activate', 0, ()), ('activate', 12, ()), ('home', 12, AXIS_NAMES)],
+)
 def test_halt_cancels_an_activation_or_homing(make_rig, request_, cycles, unhomed):
     is_homing = request_ == 'home'
-    rig = make_rig(settings=replace(SETTINGS, hold_cycles=30),
-                   axes=SWITCH_HOMING if is_homing else DEFAULT_AXES)
+    rig = make_rig(
+        settings=replace(SETTINGS, hold_cycles=30),
+        axes=SWITCH_HOMING if is_homing else DEFAULT_AXES,
+    )
     rig.request('configure', *() if is_homing else ('home',))
     job = rig.ask(request_)
     rig.cycles(cycles)
@@ -121,6 +134,7 @@ def test_drives_follow_targets_at_faster_cycles(make_rig, rate):
 
 # --- next steps, which lead to active drives
 
+
 def halted(rig):
     at_rest(rig)
     rig.request('halt')
@@ -140,7 +154,14 @@ def test_next_step_of_every_rejection_leads_to_active_drives(rig, state):
     get_there(rig)
     assert requests_of(rig.snapshot.next_step) == steps
     before = rig.state
-    for request in ('clear_faults', 'deactivate', 'cleanup', 'self_test', 'home', 'activate'):
+    for request in (
+        'clear_faults',
+        'deactivate',
+        'cleanup',
+        'self_test',
+        'home',
+        'activate',
+    ):
         if rig.state is before and (message := rig.rejection(request)):
             assert requests_of(message) == steps
     rig.recover()
@@ -149,7 +170,10 @@ def test_next_step_of_every_rejection_leads_to_active_drives(rig, state):
 def test_failed_configure_names_the_repair_and_the_next_request(rig):
     rig.drives[1].is_silent = True
     message = rig.rejection('configure')
-    assert 'q2 (node 2) sent no boot-up message on can0 after its reset: check its' in message
+    assert (
+        'q2 (node 2) sent no boot-up message on can0 after its reset: check its'
+        in message
+    )
     assert message.endswith('; next: configure, home, activate')
     assert rig.state is ControllerState.UNCONFIGURED
     rig.repair()

@@ -30,20 +30,36 @@ def is_due(clock, now, answers=0, is_step=True, all_read=True) -> bool:
     """Return whether the step, or else SYNC, is due at a time [s], after further answers."""
     for _ in range(answers):
         clock.answer(now)
-    return (clock.is_open is is_step and now >= clock.next_event
-            and (all_read or not clock.may_wait(now, now)))
+    return (
+        clock.is_open is is_step
+        and now >= clock.next_event
+        and (all_read or not clock.may_wait(now, now))
+    )
 
 
-@pytest.mark.parametrize(('has_kernel_sync', 'times'), [
-    (False, [(0.1, 2, False), (ANSWERS_DUE - 0.01, 0, False), (ANSWERS_DUE, 0, True)]),
-    (False, [(0.1, 2, False), (0.6, 1, True)]),
-    (True, [(ANSWERS_DUE - 0.01, 2, False), (ANSWERS_DUE, 0, True)]),
-    (True, [(ANSWERS_DUE, 0, True)]),
-    # without any answer this computer is late, not all drives dead
-    (False, [(FIRST_ANSWER_DUE - 0.1, 0, False), (FIRST_ANSWER_DUE, 0, True)]),
-    # after a late first answer the others are given time to follow
-    (False, [(2.0, 1, False), (1.99 + OTHERS_DUE, 0, False), (2.01 + OTHERS_DUE, 0, True)]),
-])
+@pytest.mark.parametrize(
+    ('has_kernel_sync', 'times'),
+    [
+        (
+            False,
+            [(0.1, 2, False), (ANSWERS_DUE - 0.01, 0, False), (ANSWERS_DUE, 0, True)],
+        ),
+        (False, [(0.1, 2, False), (0.6, 1, True)]),
+        (True, [(ANSWERS_DUE - 0.01, 2, False), (ANSWERS_DUE, 0, True)]),
+        (True, [(ANSWERS_DUE, 0, True)]),
+        # without any answer this computer is late, not all drives dead
+        (False, [(FIRST_ANSWER_DUE - 0.1, 0, False), (FIRST_ANSWER_DUE, 0, True)]),
+        # after a late first answer the others are given time to follow
+        (
+            False,
+            [
+                (2.0, 1, False),
+                (1.99 + OTHERS_DUE, 0, False),
+                (2.01 + OTHERS_DUE, 0, True),
+            ],
+        ),
+    ],
+)
 def test_step_is_due_with_last_answer_or_in_time(has_kernel_sync, times):
     clock = started(has_kernel_sync)
     clock.begin(0.0, 0.0)
@@ -105,14 +121,21 @@ def overdue(clock, number):
 
 
 def foreign(clock, number):
-    assert clock.is_unexpected((number - 0.6) * T) and not clock.is_unexpected(number * T)
+    assert clock.is_unexpected((number - 0.6) * T) and not clock.is_unexpected(
+        number * T
+    )
     clock.receive(number * T, 0.0)
 
 
-@pytest.mark.parametrize(('happen', 'message', 'is_powered'), [
-    (late, 'the control loop was late 3 cycles in a row, bound 3', True), (late, None, False),
-    (overdue, 'the kernel sent no SYNC for 3 periods, bound 3', False),
-    (foreign, 'SYNC (080h) was received between ours in 3 periods', False)])
+@pytest.mark.parametrize(
+    ('happen', 'message', 'is_powered'),
+    [
+        (late, 'the control loop was late 3 cycles in a row, bound 3', True),
+        (late, None, False),
+        (overdue, 'the kernel sent no SYNC for 3 periods, bound 3', False),
+        (foreign, 'SYNC (080h) was received between ours in 3 periods', False),
+    ],
+)
 def test_three_late_overdue_or_foreign_syncs_stop_drives(happen, message, is_powered):
     clock = started(has_kernel_sync=True)
     for number in range(1, 4):

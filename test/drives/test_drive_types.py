@@ -19,16 +19,25 @@ pytestmark = pytest.mark.long
 
 SMALLEST = {'RPDO1': [0x6040, 0x6060, 0x607A], 'TPDO1': [0x6041, 0x6061, 0x6064]}
 OF_CIA_402 = {
-    'RPDO2': [0x6040, 0x6060], 'RPDO3': [0x6040, 0x607A],
-    'TPDO2': [0x6041, 0x6061], 'TPDO3': [0x6041, 0x6064]}
+    'RPDO2': [0x6040, 0x6060],
+    'RPDO3': [0x6040, 0x607A],
+    'TPDO2': [0x6041, 0x6061],
+    'TPDO3': [0x6041, 0x6064],
+}
 REORDERED = {
-    'RPDO1': [0x607A, 0x6040, 0x6060], 'TPDO1': [0x606C],
-    'TPDO4': [0x6064, 0x6061, 0x6041]}
+    'RPDO1': [0x607A, 0x6040, 0x6060],
+    'TPDO1': [0x606C],
+    'TPDO4': [0x6064, 0x6061, 0x6041],
+}
 UNMAPPED = SimulationSettings(missing_objects=(0x606C, 0x60F4, 0x603F, 0x6077))
 # drives whose zero is home plus 607Ch, as CiA 402 is printed by Elmo
 OTHER_SIGN = [
-    {**one._asdict(), 'value': {'home_position': 'home_offset'}.get(one.value, one.value)}
-    for one in load_profile('simulated').objects]
+    {
+        **one._asdict(),
+        'value': {'home_position': 'home_offset'}.get(one.value, one.value),
+    }
+    for one in load_profile('simulated').objects
+]
 EPOS4 = tuple(replace(axis, profile='epos4') for axis in DEFAULT_AXES)
 
 
@@ -46,19 +55,27 @@ def move(rig):
 
 # --- departures from CiA 402
 
+
 def hide_mode(drive):
     mode = drive.objects.readers[0x6061, 0]
     drive.objects.readers[0x6061, 0] = lambda: (
-        mode() if drive.axis.state is State.OPERATION_ENABLED else 0)
+        mode() if drive.axis.state is State.OPERATION_ENABLED else 0
+    )
 
 
-@pytest.mark.parametrize(('changes', 'depart', 'settings'), [
-    ({'pdos': SMALLEST}, bool, UNMAPPED),
-    ({'pdos': OF_CIA_402}, bool, SimulationSettings()),
-    ({'pdos': REORDERED}, bool, SimulationSettings()),
-    ({'objects': OTHER_SIGN}, bool, SimulationSettings()),
-    ({'quirks': {'hides_mode': True}}, hide_mode, SimulationSettings())])
-def test_drives_of_another_type_home_and_move(make_rig, axes_with, changes, depart, settings):
+@pytest.mark.parametrize(
+    ('changes', 'depart', 'settings'),
+    [
+        ({'pdos': SMALLEST}, bool, UNMAPPED),
+        ({'pdos': OF_CIA_402}, bool, SimulationSettings()),
+        ({'pdos': REORDERED}, bool, SimulationSettings()),
+        ({'objects': OTHER_SIGN}, bool, SimulationSettings()),
+        ({'quirks': {'hides_mode': True}}, hide_mode, SimulationSettings()),
+    ],
+)
+def test_drives_of_another_type_home_and_move(
+    make_rig, axes_with, changes, depart, settings
+):
     axes = axes_with(**changes)
     rig = make_rig(axes=axes, drives=[SimulatedDrive(axis, settings) for axis in axes])
     for drive in rig.drives:
@@ -71,26 +88,33 @@ def test_drives_of_another_type_home_and_move(make_rig, axes_with, changes, depa
 def test_drive_that_does_not_report_its_mode_is_stopped(rig):
     rig.request('configure')
     hide_mode(rig.drives[0])
-    with pytest.raises(DriveError, match=(
-            'q1 did not select its mode of operation.*: .* in mode 0 instead')):
+    with pytest.raises(
+        DriveError,
+        match=('q1 did not select its mode of operation.*: .* in mode 0 instead'),
+    ):
         rig.request('home')
     rig.until_stopped()
 
 
 # --- the three drives of the published machine, enforced as their maker describes them
 
+
 def test_epos4_drives_home_and_move(make_rig):
     rig = make_rig(axes=EPOS4)
     assert {drive.objects.values[0x1018, 1] for drive in rig.drives} == {0xFB}
     move(rig)
-    assert rig.drives[0].objects.values[0x6085, 0] == round(6.0 / 0.02 * 4.3 * 60.0)  # rpm/s
+    assert rig.drives[0].objects.values[0x6085, 0] == round(
+        6.0 / 0.02 * 4.3 * 60.0
+    )  # rpm/s
 
 
 def test_epos4_with_other_unit_is_rejected(make_rig):
     rig = make_rig(axes=EPOS4)
     rig.drives[1].objects.stored[0x60A9, 0] = 0xFDB44700  # milli-rpm
-    with pytest.raises(DriveObjectError, match=(
-            r'^((?!q1).)*q2 \(node 2\): .*60A9h:00 = FDB44700h.* B44700h')):
+    with pytest.raises(
+        DriveObjectError,
+        match=(r'^((?!q1).)*q2 \(node 2\): .*60A9h:00 = FDB44700h.* B44700h'),
+    ):
         rig.request('configure')
 
 
@@ -112,26 +136,53 @@ def fine_axes(tmp_path, axes_with):
     """Return axes whose drive type is described by only a data sheet and a profile."""
     text = config_path('drives/cia402.eds').read_text()
     (tmp_path / 'fine.eds').write_text(
-        text + OBJECT.format('2310', 'Inversion of inputs') + OBJECT.format('1016sub2', 'Master'))
+        text
+        + OBJECT.format('2310', 'Inversion of inputs')
+        + OBJECT.format('1016sub2', 'Master')
+    )
     inverted = ProfileObject(0x2310, 0, 4 << 8, required=True)
     made = axes_with(
-        'generic_cia402', eds='fine.eds', velocity_unit='rpm', homing_methods=[23],
-        input_polarity={'index': 0x2310, 'subindex': 0, 'shift': 8}, objects=[
-            {**one._asdict(), 'subindex': 2 if one.value == 'master_heartbeat' else one.subindex}
-            for one in (*load_profile('generic_cia402').objects, inverted)])
-    return tuple(replace(axis, homing_method=23, homing_speed=0.1, pulses_per_revolution=TURN // 4)
-                 for axis in made)
+        'generic_cia402',
+        eds='fine.eds',
+        velocity_unit='rpm',
+        homing_methods=[23],
+        input_polarity={'index': 0x2310, 'subindex': 0, 'shift': 8},
+        objects=[
+            {
+                **one._asdict(),
+                'subindex': 2 if one.value == 'master_heartbeat' else one.subindex,
+            }
+            for one in (*load_profile('generic_cia402').objects, inverted)
+        ],
+    )
+    return tuple(
+        replace(
+            axis, homing_method=23, homing_speed=0.1, pulses_per_revolution=TURN // 4
+        )
+        for axis in made
+    )
 
 
 def test_drive_type_from_two_files_homes_and_moves(make_rig, fine_axes):
-    rig = make_rig(axes=fine_axes, drives=[
-        SimulatedDrive(axis, SimulationSettings(home_switch_opens=True)) for axis in fine_axes])
+    rig = make_rig(
+        axes=fine_axes,
+        drives=[
+            SimulatedDrive(axis, SimulationSettings(home_switch_opens=True))
+            for axis in fine_axes
+        ],
+    )
     rig.request('configure', 'home')
-    edge = -SimulationSettings().home_switch_width / 2.0  # of method 23, and the switch is there
+    edge = (
+        -SimulationSettings().home_switch_width / 2.0
+    )  # of method 23, and the switch is there
     assert rig.carriages == pytest.approx([edge] * 3, abs=0.01)
     rig.stream()
     rig.request('activate')
-    motor, start, counts = rig.drives[0].motor, rig.carriages[0], rig.drives[0].motor.counts
+    motor, start, counts = (
+        rig.drives[0].motor,
+        rig.carriages[0],
+        rig.drives[0].motor.counts,
+    )
     rig.until(lambda: rig.carriages[0] > start + 0.02)
     rig.request('deactivate')
     turns = (rig.carriages[0] - start) / fine_axes[0].lead * fine_axes[0].gear_ratio

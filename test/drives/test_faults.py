@@ -41,6 +41,7 @@ ACTIVE = {'active at rest', 'active in motion'}
 
 # --- faults
 
+
 def drive(act: Callable[[SimulatedDrive], object]) -> Callable[[Rig], None]:
     return lambda rig: rig.inject(Q2, act)
 
@@ -77,7 +78,9 @@ def restart(inject: Callable[[Rig], None]) -> Fault:
 
 def bus(kind: type[BusError], cause: str) -> Fault:
     error = kind(f'can0: {cause}')
-    return Fault(lambda rig: setattr(rig, 'bus_error', error), cause, CONFIGURE, unhomes=True)
+    return Fault(
+        lambda rig: setattr(rig, 'bus_error', error), cause, CONFIGURE, unhomes=True
+    )
 
 
 FAULTS = {
@@ -90,17 +93,21 @@ FAULTS = {
     'drive watchdog FF02': lost(emergency(0xFF02), 'watchdog of the drive'),
     'position lost 7380': lost(emergency(0x7380)),
     'counts slip': replace(
-        lost(drive(slipping), 'has jumped by 0.0'), shows=CONFIGURED - {'homing'}),
+        lost(drive(slipping), 'has jumped by 0.0'), shows=CONFIGURED - {'homing'}
+    ),
     'silent': Fault(drive(silent), 'did not', CONFIGURE),  # answer, or stop
     'no heartbeat': Fault(
-        drive(without_heartbeat), 'sent no heartbeat', CONFIGURE,
-        CONFIGURED - {'stopping'}),
+        drive(without_heartbeat),
+        'sent no heartbeat',
+        CONFIGURE,
+        CONFIGURED - {'stopping'},
+    ),
     'restart': restart(drive(restarting)),
-    'another drive': restart(
-        drive(lambda one: one.set_identity(0, 0, 0, 7))),
+    'another drive': restart(drive(lambda one: one.set_identity(0, 0, 0, 7))),
     'deaf to RPDO': Fault(drive(deaf_to_rpdo), 'q2', CONFIGURE, {'active in motion'}),
     'targets ignored': Fault(
-        drive(ignore_targets), 'does not follow its targets, bit 12 is 0', shows=ACTIVE),
+        drive(ignore_targets), 'does not follow its targets, bit 12 is 0', shows=ACTIVE
+    ),
     # its heartbeat and its silence are noticed in either order
     'NMT stop': Fault(lambda rig: rig.forge(0, b'\x02\x02'), 'q2', 'activate'),
     'NMT reset': restart(lambda rig: rig.forge(0, b'\x81\x02')),
@@ -114,12 +121,24 @@ FAULTS = {
 
 QUICK = 'active in motion'
 ALIKE = {  # They differ from another fault of the table only in their code or frame.
-    'communication 8120', 'overcurrent 2310', 'encoder 7305', 'drive watchdog FF02',
-    'another drive', 'NMT reset', 'bus-off'}
+    'communication 8120',
+    'overcurrent 2310',
+    'encoder 7305',
+    'drive watchdog FF02',
+    'another drive',
+    'NMT reset',
+    'bus-off',
+}
 CASES = [
-    pytest.param(name, situation, marks=(
-        [] if situation == QUICK and name not in ALIKE else pytest.mark.long))
-    for name in FAULTS for situation in SITUATIONS if situation == QUICK or name not in ALIKE]
+    pytest.param(
+        name,
+        situation,
+        marks=([] if situation == QUICK and name not in ALIKE else pytest.mark.long),
+    )
+    for name in FAULTS
+    for situation in SITUATIONS
+    if situation == QUICK or name not in ALIKE
+]
 
 
 @pytest.mark.parametrize(('name', 'situation'), CASES)
@@ -133,15 +152,25 @@ def test_fault_stops_all_drives_and_names_next_steps(name, situation):
         rig.run(0.3)
         assert rig.state is before and fault.cause not in rig.all_causes
     else:
-        rig.until(lambda: fault.cause in rig.all_causes, hint=(
-            f'no cause has {fault.cause!r}; next: correct it, '
-            f'or remove {situation!r} from shows'))
+        rig.until(
+            lambda: fault.cause in rig.all_causes,
+            hint=(
+                f'no cause has {fault.cause!r}; next: correct it, '
+                f'or remove {situation!r} from shows'
+            ),
+        )
         rig.until(lambda: State.OPERATION_ENABLED not in rig.drive_states)
         rig.run(0.5)
         assert rig.state in (ControllerState.STOPPED, ControllerState.BUS_LOST)
         first = rig.snapshot.causes[0].message
-        assert (fault.cause if situation != 'stopping' else 'the operator stops') in first
-        step = HOME if situation == 'homing' and fault.next_step == CLEAR else fault.next_step
+        assert (
+            fault.cause if situation != 'stopping' else 'the operator stops'
+        ) in first
+        step = (
+            HOME
+            if situation == 'homing' and fault.next_step == CLEAR
+            else fault.next_step
+        )
         assert step in rig.snapshot.next_step
         assert not fault.unhomes or 'q2' in rig.snapshot.unhomed
         assert rig.rejection('activate') and all(job.done() for _, job in jobs)
@@ -159,9 +188,20 @@ def test_fault_stops_all_drives_and_names_next_steps(name, situation):
 
 LESS_THAN_ANY = MotionLimits(speed=0.5, acceleration=3.0)  # smallest limits of a walk
 # COB-IDs of the frames of drives and master, except commands to the drives
-KNOWN = st.sampled_from([0x080, 0x77F, *(
-    base + node for base in (0x080, 0x180, 0x280, 0x380, 0x580, 0x700) for node in (1, 2, 3))])
-STRANGE = st.integers(0, 0x7FF).filter(lambda cob_id: cob_id & 0x780 not in (0x200, 0x600))
+KNOWN = st.sampled_from(
+    [
+        0x080,
+        0x77F,
+        *(
+            base + node
+            for base in (0x080, 0x180, 0x280, 0x380, 0x580, 0x700)
+            for node in (1, 2, 3)
+        ),
+    ]
+)
+STRANGE = st.integers(0, 0x7FF).filter(
+    lambda cob_id: cob_id & 0x780 not in (0x200, 0x600)
+)
 moments = st.floats(0.0, 0.5)
 
 
@@ -213,9 +253,11 @@ class Walk(RuleBasedStateMachine):
     def stream(self, amplitude: float, rate: float) -> None:
         self.rig.stream(amplitude, rate)
 
-    @rule(position=st.tuples(*[st.floats(-0.6, 0.6) | st.just(math.nan)] * 3),
-          velocity=st.tuples(*[st.floats(-9.0, 9.0) | st.just(math.inf)] * 3),
-          ahead=st.floats(-0.3, 1.5))
+    @rule(
+        position=st.tuples(*[st.floats(-0.6, 0.6) | st.just(math.nan)] * 3),
+        velocity=st.tuples(*[st.floats(-9.0, 9.0) | st.just(math.inf)] * 3),
+        ahead=st.floats(-0.3, 1.5),
+    )
     def send_any_setpoint(self, position, velocity, ahead: float) -> None:
         now = self.rig.clock.time()
         with suppress(ManipulatorError):
@@ -253,8 +295,12 @@ class Walk(RuleBasedStateMachine):
 
 @pytest.mark.long
 def test_random_requests_and_faults_are_safe():
-    run_state_machine_as_test(Walk, settings=settings(max_examples=6, stateful_step_count=30))
+    run_state_machine_as_test(
+        Walk, settings=settings(max_examples=6, stateful_step_count=30)
+    )
 
 
 def test_few_random_requests_and_faults_are_safe():
-    run_state_machine_as_test(Walk, settings=settings(max_examples=3, stateful_step_count=15))
+    run_state_machine_as_test(
+        Walk, settings=settings(max_examples=3, stateful_step_count=15)
+    )

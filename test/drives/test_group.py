@@ -28,23 +28,33 @@ class Drives:
     def __init__(self, latency: int = 0) -> None:
         self.monitors = tuple(
             SimpleNamespace(
-                name=name, axis=axis, counts=axis.to_counts(axis.home_position), error='',
-                disobedience='', answers=SimpleNamespace(missed_in_a_row=0))
-            for name, axis in zip(AXIS_NAMES, DEFAULT_AXES, strict=True))
+                name=name,
+                axis=axis,
+                counts=axis.to_counts(axis.home_position),
+                error='',
+                disobedience='',
+                answers=SimpleNamespace(missed_in_a_row=0),
+            )
+            for name, axis in zip(AXIS_NAMES, DEFAULT_AXES, strict=True)
+        )
         self.group = Group(self.monitors, SETTINGS)
         self.group.start(0.0)
         self.states, self.modes, self.bits = [*OFF], [0, 0, 0], [0, 0, 0]
         self.at_rest, self.deaf, self.now = True, set(), 0.0
         self.history, self.underway = [], deque()
         self.cycle(3)
-        self.underway.extend([self.history[-1]] * latency)  # commands that no drive has taken yet
+        self.underway.extend(
+            [self.history[-1]] * latency
+        )  # commands that no drive has taken yet
 
     def cycle(self, count: int = 1) -> None:
         for _ in range(count):
             self.now += PERIOD
             for number, monitor in enumerate(self.monitors):
                 monitor.mode, monitor.at_rest = self.modes[number], self.at_rest
-                monitor.statusword = STATUSWORDS[self.states[number]][1] | self.bits[number]
+                monitor.statusword = (
+                    STATUSWORDS[self.states[number]][1] | self.bits[number]
+                )
             self.history.append(self.group.step(self.now))
             self.underway.append(self.history[-1])
             for number, command in enumerate(self.underway.popleft()):
@@ -100,13 +110,18 @@ def ramping() -> Drives:
 
 
 SITUATIONS = {
-    'off': Drives, 'enabling': partial(on_the_way_to, Doing.ACTIVATING),
-    'running': running, 'ramping': ramping, 'halted': halted,
-    'homing': partial(on_the_way_to, Doing.HOMING)}
+    'off': Drives,
+    'enabling': partial(on_the_way_to, Doing.ACTIVATING),
+    'running': running,
+    'ramping': ramping,
+    'halted': halted,
+    'homing': partial(on_the_way_to, Doing.HOMING),
+}
 situations = pytest.mark.parametrize('situation', SITUATIONS)
 
 
 # --- requests
+
 
 def test_no_drive_is_enabled_before_all_are_on():
     drives = Drives()
@@ -115,7 +130,10 @@ def test_no_drive_is_enabled_before_all_are_on():
     drives.until(Doing.STOPPED)
     assert not any(map(is_enabling, drives.commands(0)))
     assert 'q2 did not get ready to switch on' in drives.group.reason
-    assert 'it is in the state switch on disabled (statusword 0040h)' in drives.group.reason
+    assert (
+        'it is in the state switch on disabled (statusword 0040h)'
+        in drives.group.reason
+    )
 
 
 def test_carriages_that_do_not_rest_are_stopped():
@@ -136,7 +154,9 @@ def test_halt_is_accepted_and_ends_all_motion(situation):
     assert drives.group.state is (Doing.HALTED if is_held else Doing.INACTIVE)
     assert drives.group.is_settled and not drives.group.causes
     assert drives.states == (ENABLED if is_held else OFF)
-    assert not any(one.controlword & Controlword.HOMING_START for one in drives.commands())
+    assert not any(
+        one.controlword & Controlword.HOMING_START for one in drives.commands()
+    )
 
 
 @pytest.mark.parametrize('latency', range(3))
@@ -155,6 +175,7 @@ def test_halt_in_any_cycle_of_activation_powers_off(cycles, latency):
 
 # --- any doubt about one stops all
 
+
 @situations
 @pytest.mark.parametrize('state', [State.FAULT, State.FAULT_REACTION_ACTIVE])
 def test_fault_of_one_drive_stops_all_at_once(situation, state):
@@ -167,14 +188,26 @@ def test_fault_of_one_drive_stops_all_at_once(situation, state):
     assert f'is in the state {state.value} (statusword 00' in drives.group.reason
 
 
-@pytest.mark.parametrize(('situation', 'state', 'bits', 'message'), [
-    ('running', State.OPERATION_ENABLED, Status.FOLLOWING_ERROR, 'q1 is farther behind'),
-    ('running', State.OPERATION_ENABLED, Status.SWITCH_ON_DISABLED,
-     'no state of CiA 402 (statusword 0067h)'),
-    ('running', State.SWITCHED_ON, 0,
-     'the state switched on'),
-    ('homing', State.OPERATION_ENABLED, Status.HOMING_ERROR, 'q1: homing failed'),
-    ('off', State.SWITCH_ON_DISABLED, 0x0021, 'no state of CiA 402')])
+@pytest.mark.parametrize(
+    ('situation', 'state', 'bits', 'message'),
+    [
+        (
+            'running',
+            State.OPERATION_ENABLED,
+            Status.FOLLOWING_ERROR,
+            'q1 is farther behind',
+        ),
+        (
+            'running',
+            State.OPERATION_ENABLED,
+            Status.SWITCH_ON_DISABLED,
+            'no state of CiA 402 (statusword 0067h)',
+        ),
+        ('running', State.SWITCHED_ON, 0, 'the state switched on'),
+        ('homing', State.OPERATION_ENABLED, Status.HOMING_ERROR, 'q1: homing failed'),
+        ('off', State.SWITCH_ON_DISABLED, 0x0021, 'no state of CiA 402'),
+    ],
+)
 def test_statusword_of_a_failure_stops_all(situation, state, bits, message):
     drives = SITUATIONS[situation]()
     drives.states[0], drives.bits[0] = state, bits
@@ -183,8 +216,9 @@ def test_statusword_of_a_failure_stops_all(situation, state, bits, message):
     assert not any(map(is_enabling, drives.commands()))
 
 
-@pytest.mark.parametrize('ways', [
-    [True], [None], [False, None], [False, True]], ids=str)
+@pytest.mark.parametrize(
+    'ways', [[True], [None], [False, None], [False, True]], ids=str
+)
 @pytest.mark.parametrize('rests', [True, False])
 def test_power_is_cut_at_rest_or_after_timeout(ways, rests):
     """The cases are stops that cut the power, stops that do not, and no cause."""
@@ -192,7 +226,8 @@ def test_power_is_cut_at_rest_or_after_timeout(ways, rests):
     drives.at_rest = False
     for cuts in ways:
         drives.ask(Group.cut_power) if cuts is None else drives.ask(
-            Group.stop, replace(STOP, cut_power=cuts))
+            Group.stop, replace(STOP, cut_power=cuts)
+        )
         drives.cycle(5)
         assert drives.states == [State.QUICK_STOP_ACTIVE] * 3
     drives.at_rest = rests
@@ -207,23 +242,36 @@ SILENCE = Cause('q2 did not answer', axis='q2', configure_again=True, is_vague=T
 RESTART = Cause('q2 has restarted', axis='q2', configure_again=True)
 
 
-@pytest.mark.parametrize(('first', 'later', 'is_explained'), [
-    (SILENCE, RESTART, True), (SILENCE, SILENCE, False),
-    (replace(SILENCE, axis='q1'), RESTART, False),
-    (replace(SILENCE, is_vague=False), RESTART, False),
-    (SILENCE, replace(RESTART, configure_again=False), False)])
+@pytest.mark.parametrize(
+    ('first', 'later', 'is_explained'),
+    [
+        (SILENCE, RESTART, True),
+        (SILENCE, SILENCE, False),
+        (replace(SILENCE, axis='q1'), RESTART, False),
+        (replace(SILENCE, is_vague=False), RESTART, False),
+        (SILENCE, replace(RESTART, configure_again=False), False),
+    ],
+)
 def test_precise_cause_of_an_axis_replaces_a_vague_one(first, later, is_explained):
     drives = running()
     for cause in (first, later, later):
         drives.ask(Group.stop, cause)
     assert drives.group.causes == (
-        (later,) if is_explained else tuple(dict.fromkeys((first, later))))
+        (later,) if is_explained else tuple(dict.fromkeys((first, later)))
+    )
 
 
 # --- clearing
 
-@pytest.mark.parametrize('states', list(itertools.product(
-    (State.SWITCH_ON_DISABLED, State.QUICK_STOP_ACTIVE, State.FAULT), repeat=3)))
+
+@pytest.mark.parametrize(
+    'states',
+    list(
+        itertools.product(
+            (State.SWITCH_ON_DISABLED, State.QUICK_STOP_ACTIVE, State.FAULT), repeat=3
+        )
+    ),
+)
 def test_reset_leads_every_stopped_drive_to_off(states):
     drives = running()
     drives.states = list(states)

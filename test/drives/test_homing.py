@@ -20,7 +20,8 @@ FAILED = 0x0027 | Status.HOMING_ERROR
 LATE, ELSEWHERE, BROKEN = (
     'q1: homing took longer than 3 s',
     r'q1: homing ended \+0.1 m from the configured.*takes 607Ch with the other sign',
-    r'q1: homing failed.*2027h')
+    r'q1: homing failed.*2027h',
+)
 
 
 class Axis:
@@ -37,37 +38,54 @@ class Axis:
         self.homing.watch(words[0])
         counts = self.axis.to_counts(self.axis.home_position + self.away)
         for word in words[1:]:
-            if failure := not self.homing.is_homed and self.homing.advance(word, counts):
+            if failure := not self.homing.is_homed and self.homing.advance(
+                word, counts
+            ):
                 return failure
             self.is_homed_in.append(self.homing.is_homed)
         return ''
 
 
-@pytest.mark.parametrize(('method', 'words', 'started'), [
-    # bit 4 rises until the drive reports success
-    (17, [IDLE, IDLE, UNDER_WAY, UNDER_WAY, SUCCESS, SUCCESS], 3),
-    # the success of an earlier homing is given time to be taken back
-    (17, [SUCCESS, SUCCESS, SUCCESS, UNDER_WAY, SUCCESS], 3),
-    (17, [FAILED, *[FAILED] * (SETTLING_CYCLES - 1), UNDER_WAY, SUCCESS], SETTLING_CYCLES),
-    # without motion the bit may be set again before a statusword shows it clear
-    (35, [SUCCESS] * (SETTLING_CYCLES + 2), SETTLING_CYCLES),
-    (37, [SUCCESS] * (SETTLING_CYCLES + 2), SETTLING_CYCLES),
-])
+@pytest.mark.parametrize(
+    ('method', 'words', 'started'),
+    [
+        # bit 4 rises until the drive reports success
+        (17, [IDLE, IDLE, UNDER_WAY, UNDER_WAY, SUCCESS, SUCCESS], 3),
+        # the success of an earlier homing is given time to be taken back
+        (17, [SUCCESS, SUCCESS, SUCCESS, UNDER_WAY, SUCCESS], 3),
+        (
+            17,
+            [FAILED, *[FAILED] * (SETTLING_CYCLES - 1), UNDER_WAY, SUCCESS],
+            SETTLING_CYCLES,
+        ),
+        # without motion the bit may be set again before a statusword shows it clear
+        (35, [SUCCESS] * (SETTLING_CYCLES + 2), SETTLING_CYCLES),
+        (37, [SUCCESS] * (SETTLING_CYCLES + 2), SETTLING_CYCLES),
+    ],
+)
 def test_new_success_ends_homing(method, words, started):
     axis = Axis(method)
     assert not axis.run(words)
     assert axis.is_homed_in == [False] * started + [True] * (len(words) - 1 - started)
 
 
-@pytest.mark.parametrize(('method', 'words', 'away', 'failure'), [
-    *((method, [IDLE, UNDER_WAY] + [SUCCESS] * 200, 0.1, ELSEWHERE) for method in (17, 35, 37)),
-    (17, [SUCCESS] * 200, 0.0, LATE),  # of an earlier homing, and never taken back
-    (37, [SUCCESS] * 200, 0.1, LATE),
-    *((17, [IDLE, UNDER_WAY] + [0x0027 | half] * 200, 0.0, LATE)
-      for half in (Status.HOMING_ATTAINED, Status.TARGET_REACHED)),
-    (17, [FAILED] * 200, 0.0, BROKEN),
-    (17, [IDLE, UNDER_WAY] + [SUCCESS | FAILED] * 200, 0.0, 'homing failed'),
-])
+@pytest.mark.parametrize(
+    ('method', 'words', 'away', 'failure'),
+    [
+        *(
+            (method, [IDLE, UNDER_WAY] + [SUCCESS] * 200, 0.1, ELSEWHERE)
+            for method in (17, 35, 37)
+        ),
+        (17, [SUCCESS] * 200, 0.0, LATE),  # of an earlier homing, and never taken back
+        (37, [SUCCESS] * 200, 0.1, LATE),
+        *(
+            (17, [IDLE, UNDER_WAY] + [0x0027 | half] * 200, 0.0, LATE)
+            for half in (Status.HOMING_ATTAINED, Status.TARGET_REACHED)
+        ),
+        (17, [FAILED] * 200, 0.0, BROKEN),
+        (17, [IDLE, UNDER_WAY] + [SUCCESS | FAILED] * 200, 0.0, 'homing failed'),
+    ],
+)
 def test_unsuccessful_homing_fails_with_the_reason(method, words, away, failure):
     axis = Axis(method, away)
     assert re.search(failure, axis.run(words))
@@ -88,8 +106,10 @@ def test_homing_succeeds_only_if_the_bit_was_clear_before(words):
         assert not axis.homing.is_homed
     elif axis.homing.is_homed:
         assert not all(word & Status.HOMING_ATTAINED for word in words)
-        assert any(word & (SUCCESS & ~0x27 | Status.HOMING_ERROR) == SUCCESS & ~0x27
-                   for word in words)
+        assert any(
+            word & (SUCCESS & ~0x27 | Status.HOMING_ERROR) == SUCCESS & ~0x27
+            for word in words
+        )
 
 
 @pytest.mark.parametrize(('beyond', 'is_home'), [(8e-4, True), (1.2e-3, False)])
@@ -98,16 +118,20 @@ def test_home_is_the_rest_position_after_the_switch(beyond, is_home, side):
     axis, settings = Axis(), AxisSettings(homing_method=17, homing_speed=1.0)
     speed = settings.homing_zero_share * settings.homing_speed
     axis.away = side * (
-        beyond + speed * PERIOD + speed ** 2 / (2.0 * settings.homing_acceleration))
+        beyond + speed * PERIOD + speed**2 / (2.0 * settings.homing_acceleration)
+    )
     assert not axis.run([IDLE, SUCCESS])
     assert axis.homing.is_homed == is_home
 
 
 # --- all three axes
 
+
 def test_axes_of_higher_rank_home_later(make_rig):
-    axes = tuple(replace(axis, homing_rank=rank)
-                 for axis, rank in zip(DEFAULT_AXES, (2, 1, 3), strict=True))
+    axes = tuple(
+        replace(axis, homing_rank=rank)
+        for axis, rank in zip(DEFAULT_AXES, (2, 1, 3), strict=True)
+    )
     order = []
 
     def check(positions, homed):
@@ -117,7 +141,10 @@ def test_axes_of_higher_rank_home_later(make_rig):
     rig = make_rig(axes=axes, check_homing=check)
     configured(rig)
     assert order[:3] == [
-        (False, False, False), (False, True, False), (True, True, False)]
+        (False, False, False),
+        (False, True, False),
+        (True, True, False),
+    ]
 
 
 def test_homing_stops_before_a_collision(make_rig):
@@ -126,6 +153,8 @@ def test_homing_stops_before_a_collision(make_rig):
 
     rig = make_rig(check_homing=check)
     rig.request('configure')
-    with pytest.raises(DriveError, match='homing stopped: q2 - q3 = 0.01 m.*q1 is not homed'):
+    with pytest.raises(
+        DriveError, match='homing stopped: q2 - q3 = 0.01 m.*q1 is not homed'
+    ):
         rig.request('home')
     rig.until_stopped()

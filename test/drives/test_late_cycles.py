@@ -38,14 +38,20 @@ def test_late_loop_leaves_no_carriage_behind(rig, pause):
 def test_second_sync_after_a_stall_keeps_home_positions(make_rig, phase):
     """The loop sends a SYNC because it has not read the kernel's SYNC; both are 1 ms apart."""
     rig = make_rig(
-        settings=replace(SETTINGS, drive_lag=0.0), has_kernel_sync=True,
-        drives=[SimulatedDrive(axis, SimulationSettings(lag=0.0)) for axis in DEFAULT_AXES])
+        settings=replace(SETTINGS, drive_lag=0.0),
+        has_kernel_sync=True,
+        drives=[
+            SimulatedDrive(axis, SimulationSettings(lag=0.0)) for axis in DEFAULT_AXES
+        ],
+    )
     at_rest(rig)
     rig.stream(amplitude=0.12, rate=RATE)
     rig.run(phase * math.pi / RATE)
     rig.stall(0.03)
     rig.run(0.3)
-    assert (rig.state, rig.snapshot.unhomed) == (ControllerState.ACTIVE, ()), rig.all_causes
+    assert (rig.state, rig.snapshot.unhomed) == (ControllerState.ACTIVE, ()), (
+        rig.all_causes
+    )
 
 
 def test_set_system_clock_neither_moves_nor_stops_the_drives(rig):

@@ -25,7 +25,9 @@ ENABLED, LIMITED, LOCAL, IGNORES, FAULTY = 0x1227, 0x1A27, 0x1027, 0x0227, 0x000
 
 def made(**details):
     """Return the supervised monitor of a homed axis."""
-    monitor = AxisMonitor('q1', AXIS, SETTINGS, replace(load_profile('simulated'), **details))
+    monitor = AxisMonitor(
+        'q1', AXIS, SETTINGS, replace(load_profile('simulated'), **details)
+    )
     monitor.begin_supervision(0.0)
     monitor.encoder.end_homing(True)
     return monitor
@@ -33,7 +35,9 @@ def made(**details):
 
 def answer(monitor, cycle, position=0.0, word=ENABLED):
     """Pass the answer of a drive to a SYNC to the monitor."""
-    status = TPDO1.codec.pack(word, Mode.CYCLIC_SYNCHRONOUS_POSITION, AXIS.to_counts(position))
+    status = TPDO1.codec.pack(
+        word, Mode.CYCLIC_SYNCHRONOUS_POSITION, AXIS.to_counts(position)
+    )
     for tpdo, data in (TPDO1, status), (TPDO2, bytes(8)):
         monitor.receive_tpdo(tpdo, data, cycle * T, cycle * T)
 
@@ -49,14 +53,17 @@ def test_answer_is_complete_with_every_tpdo_of_sync():
     assert monitor.answers.newest == 2 * T
 
 
-@pytest.mark.parametrize(('words', 'disobedience'), [
-    ((ENABLED,) * 5, ''),
-    ((ENABLED, IGNORES), 'bit 12 is 0'),
-    ((ENABLED, LOCAL), 'bit 9 is 0'),
-    ((LOCAL, LOCAL), ''),  # a drive without this bit
-    ((ENABLED, LIMITED), ''),  # a drive that catches up may be at its limits
-    ((ENABLED, 0x0250), ''),  # a drive that is not enabled need not follow
-])
+@pytest.mark.parametrize(
+    ('words', 'disobedience'),
+    [
+        ((ENABLED,) * 5, ''),
+        ((ENABLED, IGNORES), 'bit 12 is 0'),
+        ((ENABLED, LOCAL), 'bit 9 is 0'),
+        ((LOCAL, LOCAL), ''),  # a drive without this bit
+        ((ENABLED, LIMITED), ''),  # a drive that catches up may be at its limits
+        ((ENABLED, 0x0250), ''),  # a drive that is not enabled need not follow
+    ],
+)
 def test_drive_that_reports_disobedience_is_stopped(words, disobedience):
     monitor = made()
     for cycle, word in enumerate(words, 1):
@@ -71,17 +78,23 @@ def test_clock_set_forward_keeps_heartbeats_valid(step):
     monitor = made()
     for number in range(1, 40):
         now = 0.05 * number
-        monitor.receive_heartbeat(Frame(0x701, b'\x05', now - step * (number == 20), now))
+        monitor.receive_heartbeat(
+            Frame(0x701, b'\x05', now - step * (number == 20), now)
+        )
         assert monitor.silence(now) is None
     assert monitor.silence(now + 0.2).message == (
-        'q1 (node 1) sent no heartbeat for 200 ms, bound 150 ms')
+        'q1 (node 1) sent no heartbeat for 200 ms, bound 150 ms'
+    )
 
 
 def test_drive_silent_before_its_supervision_is_reported():
     monitor = AxisMonitor('q1', AXIS, SETTINGS, load_profile('simulated'))
     assert not monitor.snapshot(None, 1.0).is_silent
     monitor.receive_heartbeat(Frame(0x701, b'\x7f', 1.0, 1.0))
-    assert [monitor.snapshot(None, time).is_silent for time in (1.1, 1.2)] == [False, True]
+    assert [monitor.snapshot(None, time).is_silent for time in (1.1, 1.2)] == [
+        False,
+        True,
+    ]
 
 
 def test_carriage_at_rest_has_constant_positions():
@@ -101,14 +114,23 @@ def error_code(word, code):
     def send(monitor):
         answer(monitor, 1, word=word)
         return monitor.receive_tpdo(TPDO3, TPDO3.codec.pack(code, 0, 0), T, T)
+
     return send
 
 
-@pytest.mark.parametrize(('send', 'message'), [
-    (lambda monitor: monitor.receive_heartbeat(Frame(0x701, b'\x7f', 1.0, 1.0)),
-     'is no longer operational (NMT state 127)'),
-    (emergency(0), ''), (error_code(FAULTY, 0x2310), 'current'), (error_code(FAULTY, 0), ''),
-    (error_code(ENABLED, 0x2310), '')])
+@pytest.mark.parametrize(
+    ('send', 'message'),
+    [
+        (
+            lambda monitor: monitor.receive_heartbeat(Frame(0x701, b'\x7f', 1.0, 1.0)),
+            'is no longer operational (NMT state 127)',
+        ),
+        (emergency(0), ''),
+        (error_code(FAULTY, 0x2310), 'current'),
+        (error_code(FAULTY, 0), ''),
+        (error_code(ENABLED, 0x2310), ''),
+    ],
+)
 def test_heartbeat_or_error_code_of_a_fault_stops(send, message):
     monitor = made()
     cause = send(monitor)
@@ -127,13 +149,16 @@ def test_warning_stops_nothing_until_the_drive_faults():
     warned = monitor.snapshot(None, T)
     assert warned.warning == 'it warns: it is warm (error code 43F0h): let it cool'
     assert warned.error_code == 0
-    assert error_code(FAULTY, 0x43F0)(monitor).message.startswith('q1 (node 1): it is warm')
+    assert error_code(FAULTY, 0x43F0)(monitor).message.startswith(
+        'q1 (node 1): it is warm'
+    )
     emergency(0)(monitor)
     assert monitor.warning == ''
     assert emergency(0x4310)(monitor) is not None
 
 
 # --- which positions of a drive are believed
+
 
 def moving(speed=0.0):
     """Return a homed encoder at a speed [m/s], with the next position and time."""
@@ -146,9 +171,19 @@ def moving(speed=0.0):
     return encoder, position, 20 * T
 
 
-@pytest.mark.parametrize(('speed', 'off', 'is_believed'), [
-    (0.0, 0.0021, True), (0.0, -0.0021, True), (0.0, 0.0024, False), (0.0, -0.0024, False),
-    (0.4, 0.0040, True), (0.4, -0.0040, True), (0.4, 0.0045, False), (-0.4, 0.0045, False)])
+@pytest.mark.parametrize(
+    ('speed', 'off', 'is_believed'),
+    [
+        (0.0, 0.0021, True),
+        (0.0, -0.0021, True),
+        (0.0, 0.0024, False),
+        (0.0, -0.0024, False),
+        (0.4, 0.0040, True),
+        (0.4, -0.0040, True),
+        (0.4, 0.0045, False),
+        (-0.4, 0.0045, False),
+    ],
+)
 def test_position_that_contradicts_its_speed_is_a_jump(speed, off, is_believed):
     encoder, expected, time = moving(speed)
     distrust = encoder.receive(AXIS.to_counts(expected + off), time)
@@ -163,7 +198,7 @@ def test_possible_motion_with_late_answers_is_accepted(pushes):
     speed = 0.0
     for share, cycles in pushes:
         pause, push = cycles * T, share * AXIS.max_acceleration
-        position += speed * pause + 0.5 * push * pause ** 2
+        position += speed * pause + 0.5 * push * pause**2
         speed += push * pause
         time += pause
         assert encoder.receive(AXIS.to_counts(position), time - T) == ''
@@ -177,9 +212,12 @@ def test_small_jumps_accumulate_until_homing():
             encoder.begin_homing()
             encoder.end_homing(True)
         position += 0.002
-        distrust = ''.join([  # a jump, and a halt after it
-            encoder.receive(AXIS.to_counts(position), time + (3 * jump + more) * T)
-            for more in range(3)])
+        distrust = ''.join(
+            [  # a jump, and a halt after it
+                encoder.receive(AXIS.to_counts(position), time + (3 * jump + more) * T)
+                for more in range(3)
+            ]
+        )
         assert bool(distrust) is (jump == 6)
     assert 'has slipped by 0.01' in distrust and not encoder.homed
 

@@ -50,16 +50,23 @@ def stop_with_power(rig, lie=lambda rig: None):
 
 
 @pytest.mark.parametrize(
-    'lie', [obey_nothing, obey_nothing_on_a_bad_bus, fall_silent, name_no_state])
-@pytest.mark.parametrize(('request_', 'state'), [
-    ('cleanup', ControllerState.UNCONFIGURED), ('close', ControllerState.CLOSED)])
-def test_end_without_confirmed_power_off_names_the_drive(make_rig, lie, request_, state):
+    'lie', [obey_nothing, obey_nothing_on_a_bad_bus, fall_silent, name_no_state]
+)
+@pytest.mark.parametrize(
+    ('request_', 'state'),
+    [('cleanup', ControllerState.UNCONFIGURED), ('close', ControllerState.CLOSED)],
+)
+def test_end_without_confirmed_power_off_names_the_drive(
+    make_rig, lie, request_, state
+):
     rig = make_rig(settings=IMPATIENT)
     stop_with_power(rig, lie)
     answer = rig.rejection(request_)
     assert 'the power of q2 (node 2) is not confirmed off' in answer
     assert 'switch the supply off before a person reaches in' in answer
-    assert (rig.drive_states[1] is State.QUICK_STOP_ACTIVE) == lie.__name__.startswith('obey')
+    assert (rig.drive_states[1] is State.QUICK_STOP_ACTIVE) == lie.__name__.startswith(
+        'obey'
+    )
     assert {rig.drive_states[0], rig.drive_states[2]} <= UNPOWERED_STATES
     assert rig.state is state
 
@@ -78,7 +85,11 @@ def test_power_of_powered_and_silent_drives_is_reported(make_rig):
     rig = make_rig(settings=replace(SETTINGS, max_missed_cycles=3))
     stop_with_power(rig, fall_silent)
     rig.until(lambda: rig.snapshot.power == 'q1 on, q2 unknown, q3 on')
-    assert [axis.power for axis in rig.snapshot.axes] == [Power.ON, Power.UNKNOWN, Power.ON]
+    assert [axis.power for axis in rig.snapshot.axes] == [
+        Power.ON,
+        Power.UNKNOWN,
+        Power.ON,
+    ]
     assert 'power: q1 on, q2 unknown, q3 on' in rig.rejection('home')
 
 
@@ -93,7 +104,9 @@ def test_drive_deaf_to_rpdo_is_stopped_by_nmt(make_rig, situation, number):
     rig.until(lambda: rig.drive_states[number] is State.QUICK_STOP_ACTIVE)
     assert f'q{number + 1} did not stop' in rig.all_causes
     assert 'then cleanup, configure, home, activate' in rig.snapshot.next_step
-    assert [frame.data for frame in rig.frames() if frame.cob_id == 0] == [bytes([2, number + 1])]
+    assert [frame.data for frame in rig.frames() if frame.cob_id == 0] == [
+        bytes([2, number + 1])
+    ]
     assert 'confirmed that their power is off' in rig.request('cleanup')
 
 
@@ -104,12 +117,18 @@ ENABLE = (Controlword.SHUTDOWN, Controlword.SWITCH_ON, Controlword.ENABLE_OPERAT
 
 def write(rig, index, value):
     for node in (1, 2, 3):
-        rig.forge(0x600 + node, bytes([0x2B, index & 0xFF, index >> 8, 0, value, 0, 0, 0]))
+        rig.forge(
+            0x600 + node, bytes([0x2B, index & 0xFF, index >> 8, 0, value, 0, 0, 0])
+        )
 
 
-@pytest.mark.parametrize(('words', 'state'), [
-    (ENABLE, State.OPERATION_ENABLED),
-    ((*ENABLE, Controlword.QUICK_STOP), State.QUICK_STOP_ACTIVE)])
+@pytest.mark.parametrize(
+    ('words', 'state'),
+    [
+        (ENABLE, State.OPERATION_ENABLED),
+        ((*ENABLE, Controlword.QUICK_STOP), State.QUICK_STOP_ACTIVE),
+    ],
+)
 def test_drives_powered_by_a_silent_master_are_left_unchanged(rig, words, state):
     write(rig, 0x605A, 6)
     for word in words:
@@ -127,27 +146,45 @@ def test_drives_powered_by_a_silent_master_are_left_unchanged(rig, words, state)
 def test_drives_operational_for_another_master_are_left_unchanged(rig):
     write(rig, 0x1017, 20)
     rig.forge(0, bytes([1, 0]))
-    assert 'q1 (node 1) is operational, q2 (node 2) is operational' in rig.rejection('configure')
+    assert 'q1 (node 1) is operational, q2 (node 2) is operational' in rig.rejection(
+        'configure'
+    )
 
 
 def test_drive_moving_for_another_master_is_left_unchanged(rig):
     rig.drives[1].objects.readers[0x606C, 0] = lambda: -100_000
-    assert 'q2 (node 2) moves at -0.233 m/s, which this driver' in rig.rejection('configure')
+    assert 'q2 (node 2) moves at -0.233 m/s, which this driver' in rig.rejection(
+        'configure'
+    )
 
 
 # --- a dead control loop
 
+
 @pytest.mark.parametrize('request_', ['home', 'activate'])
 @pytest.mark.parametrize('index', [0x1016, 0x6007])
-def test_drives_without_dead_master_stop_get_no_power(make_rig, axes_with, index, request_):
-    rig = make_rig(axes=axes_with(objects=[
-        one._asdict() for one in load_profile('simulated').objects if one.index != index]))
+def test_drives_without_dead_master_stop_get_no_power(
+    make_rig, axes_with, index, request_
+):
+    rig = make_rig(
+        axes=axes_with(
+            objects=[
+                one._asdict()
+                for one in load_profile('simulated').objects
+                if one.index != index
+            ]
+        )
+    )
     for drive in rig.drives:
         drive.objects.defaults[0x6007, 0] = 0
         drive.reboot()
     rig.request('configure')
-    with pytest.raises(DriveStateError, match=(
-            r'q1 \(node 1\) and q2 \(node 2\) and q3 \(node 3\) would continue .*correct the')):
+    with pytest.raises(
+        DriveStateError,
+        match=(
+            r'q1 \(node 1\) and q2 \(node 2\) and q3 \(node 3\) would continue .*correct the'
+        ),
+    ):
         rig.request(request_)
     assert State.OPERATION_ENABLED not in rig.drive_states
 

@@ -15,9 +15,21 @@ from facade_manipulator.resources import config_path
 
 NAMES = sorted(path.stem for path in config_path('drives').glob('*.yaml'))
 SAFETY = {  # what no drive may lack: it stops for a dead master, a lost axis, and at its limits
-    'master_heartbeat', 'heartbeat_time', 'quick_stop_deceleration', 'following_error_window',
-    'min_position', 'max_position', 'home_position', 'homing_method'}
-OBJECT = {'index': 0x6085, 'subindex': 0, 'value': 'quick_stop_deceleration', 'required': True}
+    'master_heartbeat',
+    'heartbeat_time',
+    'quick_stop_deceleration',
+    'following_error_window',
+    'min_position',
+    'max_position',
+    'home_position',
+    'homing_method',
+}
+OBJECT = {
+    'index': 0x6085,
+    'subindex': 0,
+    'value': 'quick_stop_deceleration',
+    'required': True,
+}
 
 
 def entry(name, **changes):
@@ -47,8 +59,10 @@ def test_every_profile_requires_the_safety_objects(name):
 
 
 @pytest.mark.parametrize('field', ['vendor_id', 'product_code'])
-@pytest.mark.parametrize(('of_type', 'own', 'found'), [
-    (0xFB, 0, 0xFB), (0xFB, 7, 7), (None, 0, 0), (None, 7, 7)])
+@pytest.mark.parametrize(
+    ('of_type', 'own', 'found'),
+    [(0xFB, 0, 0xFB), (0xFB, 7, 7), (None, 0, 0), (None, 7, 7)],
+)
 def test_maker_and_product_default_to_the_profile(field, of_type, own, found):
     profile = dataclasses.replace(load_profile('generic_cia402'), **{field: of_type})
     axis = dataclasses.replace(DEFAULT_AXES[0], **{field: own})
@@ -61,34 +75,55 @@ def test_missing_profile_or_data_folder_is_rejected(tmp_path, monkeypatch, name)
         monkeypatch.setattr(resources, 'PACKAGE', tmp_path / 'facade_manipulator')
         monkeypatch.setattr(sys, 'prefix', str(tmp_path))
         monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
-    with pytest.raises(ParameterError, match=f'there is no drive profile {name}: .*searched'):
+    with pytest.raises(
+        ParameterError, match=f'there is no drive profile {name}: .*searched'
+    ):
         load_profile(name)
 
 
-@pytest.mark.parametrize('data, words', [
-    (entry('epos4', velocity_unit='knots'), 'velocity_unit.*knots'),
-    (entry('epos4', acceleration_unit='g'), 'acceleration_unit.*g'),
-    (entry('epos4', eds='nowhere.eds'), 'nowhere.eds does not exist'),
-    (entry('epos4', quirks={'never_follows': 1}), 'never_follows'),
-    (entry('epos4', quirks={'is_blue': True}), 'unknown entry is_blue'),
-    (entry('epos4', objects=None), 'valid'), (entry('epos4', errors=None), 'valid'),
-    *((entry('epos4', objects=[OBJECT | {name: value}]), str(value)) for name, value in (
-        ('value', 'speed_of_light'), ('value', 1.5), ('value', -2**31 - 1), ('value', 2**32),
-        ('index', 0xFFF), ('index', 0x10000), ('subindex', -1), ('subindex', 255))),
-    (entry('epos4', objects=[{'index': 0x6085}]), 'missing'),
-    ({'eds': 'cia402.eds'}, 'missing'),
-    (entry('epos4', of_place=[[0xFFF, 0]]), '4095'),
-    (entry('epos4', input_polarity={'index': 0x10000, 'subindex': 0}), '65536'),
-    *((entry('epos4', errors={code: meaning}), words) for code, meaning, words in (
-        (0xFF02, {'message': '', 'is_warning': 1}, 'is_warning'),
-        (0xFF02, {'words': ''}, 'unknown entry words'), (0xFF02, {}, 'message'))),
-    (with_pdos(TPDO1=[0x6041, 0x6061]), 'no TPDO carries object 6064'),
-    (with_pdos(RPDO1=[0x6040, 0x607A]), 'no RPDO carries object 6060'),
-    (with_pdos(RPDO1=[0x6040, 0x6060, 0x607A, 0x6064]), 'RPDO.*24676'),
-    (with_pdos(TPDO2=[0x2000]), 'TPDO.*8192'),
-    (with_pdos(TPDO5=[]), 'unknown entry TPDO5'),
-    (['a list'], 'not a table'),
-])
+@pytest.mark.parametrize(
+    'data, words',
+    [
+        (entry('epos4', velocity_unit='knots'), 'velocity_unit.*knots'),
+        (entry('epos4', acceleration_unit='g'), 'acceleration_unit.*g'),
+        (entry('epos4', eds='nowhere.eds'), 'nowhere.eds does not exist'),
+        (entry('epos4', quirks={'never_follows': 1}), 'never_follows'),
+        (entry('epos4', quirks={'is_blue': True}), 'unknown entry is_blue'),
+        (entry('epos4', objects=None), 'valid'),
+        (entry('epos4', errors=None), 'valid'),
+        *(
+            (entry('epos4', objects=[OBJECT | {name: value}]), str(value))
+            for name, value in (
+                ('value', 'speed_of_light'),
+                ('value', 1.5),
+                ('value', -(2**31) - 1),
+                ('value', 2**32),
+                ('index', 0xFFF),
+                ('index', 0x10000),
+                ('subindex', -1),
+                ('subindex', 255),
+            )
+        ),
+        (entry('epos4', objects=[{'index': 0x6085}]), 'missing'),
+        ({'eds': 'cia402.eds'}, 'missing'),
+        (entry('epos4', of_place=[[0xFFF, 0]]), '4095'),
+        (entry('epos4', input_polarity={'index': 0x10000, 'subindex': 0}), '65536'),
+        *(
+            (entry('epos4', errors={code: meaning}), words)
+            for code, meaning, words in (
+                (0xFF02, {'message': '', 'is_warning': 1}, 'is_warning'),
+                (0xFF02, {'words': ''}, 'unknown entry words'),
+                (0xFF02, {}, 'message'),
+            )
+        ),
+        (with_pdos(TPDO1=[0x6041, 0x6061]), 'no TPDO carries object 6064'),
+        (with_pdos(RPDO1=[0x6040, 0x607A]), 'no RPDO carries object 6060'),
+        (with_pdos(RPDO1=[0x6040, 0x6060, 0x607A, 0x6064]), 'RPDO.*24676'),
+        (with_pdos(TPDO2=[0x2000]), 'TPDO.*8192'),
+        (with_pdos(TPDO5=[]), 'unknown entry TPDO5'),
+        (['a list'], 'not a table'),
+    ],
+)
 def test_invalid_profile_is_rejected_with_file_and_reason(tmp_path, data, words):
     with pytest.raises(ParameterError, match=f'mine.yaml.*{words}'):
         load_profile(write(tmp_path, data))
@@ -102,13 +137,23 @@ def test_quirk_of_a_wrong_type_is_rejected(tmp_path, name):
 
 def test_generic_profile_shows_every_quirk_with_its_default():
     assert entry('generic_cia402')['quirks'] == Quirks()._asdict(), (
-        'next: write the quirk into config/drives/generic_cia402.yaml')
+        'next: write the quirk into config/drives/generic_cia402.yaml'
+    )
 
 
-@pytest.mark.parametrize(('vendor', 'product', 'name'), [
-    (0xFB, 1, 'epos4'), (0xFB, 7, 'mine'), (0, 7, 'simulated'), (12345, 7, 'generic_cia402'),
-    (None, None, 'generic_cia402')])
-def test_profile_is_found_by_maker_and_product(tmp_path, monkeypatch, vendor, product, name):
+@pytest.mark.parametrize(
+    ('vendor', 'product', 'name'),
+    [
+        (0xFB, 1, 'epos4'),
+        (0xFB, 7, 'mine'),
+        (0, 7, 'simulated'),
+        (12345, 7, 'generic_cia402'),
+        (None, None, 'generic_cia402'),
+    ],
+)
+def test_profile_is_found_by_maker_and_product(
+    tmp_path, monkeypatch, vendor, product, name
+):
     shutil.copytree(config_path('drives'), tmp_path / 'drives')
     write(tmp_path / 'drives', entry('epos4', product_code=7))
     monkeypatch.setattr(profile, 'config_path', lambda name: tmp_path / name)
@@ -117,9 +162,12 @@ def test_profile_is_found_by_maker_and_product(tmp_path, monkeypatch, vendor, pr
 
 # --- process data
 
+
 def test_profile_without_process_data_has_the_default_map(tmp_path):
     data = entry('simulated')
     del data['motor_speed_unit']
     profile = load_profile(write(tmp_path, data))
     assert profile.pdos == pdo.PDO_MAP == load_profile('generic_cia402').pdos
-    assert profile.motor_speed_unit == profile.acceleration_unit == profile.velocity_unit
+    assert (
+        profile.motor_speed_unit == profile.acceleration_unit == profile.velocity_unit
+    )

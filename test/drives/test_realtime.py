@@ -19,7 +19,11 @@ def reject(*_):
 
 
 def test_default_settings_request_no_priority(monkeypatch):
-    for module, name in ((os, 'sched_setscheduler'), (os, 'sched_setaffinity'), (ctypes, 'CDLL')):
+    for module, name in (
+        (os, 'sched_setscheduler'),
+        (os, 'sched_setaffinity'),
+        (ctypes, 'CDLL'),
+    ):
         monkeypatch.setattr(module, name, reject)
     assert request_realtime(ControllerSettings()) == []
 
@@ -36,7 +40,9 @@ def test_granted_priority_and_cpu_are_not_reported(monkeypatch, priority, cpu):
     asked = []
     for name in ('sched_setscheduler', 'sched_setaffinity'):
         monkeypatch.setattr(os, name, lambda *wish: asked.append(wish))
-    assert request_realtime(ControllerSettings(realtime_priority=priority, cpu=cpu)) == []
+    assert (
+        request_realtime(ControllerSettings(realtime_priority=priority, cpu=cpu)) == []
+    )
     (thread, policy, parameters), affinity = asked
     assert (thread, policy) == (0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)
     assert parameters.sched_priority == priority and affinity == (0, {cpu})
@@ -47,7 +53,9 @@ def test_replaced_garbage_collector_runs_only_on_request(monkeypatch):
     monkeypatch.setattr(gc, 'collect', lambda: collections.append(1))
     collect_garbage()
     freeze_objects()
-    assert gc.get_freeze_count() == frozen and not collections  # not in a process of others
+    assert (
+        gc.get_freeze_count() == frozen and not collections
+    )  # not in a process of others
     try:
         take_over_collector()
         freeze_objects()

@@ -20,27 +20,45 @@ CAUSES = tuple(Cause(message, 'clear the faults') for message in ('first', 'seco
 def snapshot(*changes, **others):
     """Return a snapshot whose first axes have the given changes."""
     axes = tuple(
-        AxisSnapshot(name, number, ENABLED, position=0.1, homed=True, heartbeat_age=1.0)._replace(
-            **change)
-        for number, (name, change) in enumerate(zip_longest(AXIS_NAMES, changes, fillvalue={}), 1))
+        AxisSnapshot(
+            name, number, ENABLED, position=0.1, homed=True, heartbeat_age=1.0
+        )._replace(**change)
+        for number, (name, change) in enumerate(
+            zip_longest(AXIS_NAMES, changes, fillvalue={}), 1
+        )
+    )
     return ControllerSnapshot(ControllerState.ACTIVE, 1000.0, axes)._replace(**others)
 
 
-@pytest.mark.parametrize('one', [
-    snapshot({'homed': False}), snapshot({}, {}, {'position': None}), snapshot(stamp=None),
-    snapshot({'is_silent': True})])
+@pytest.mark.parametrize(
+    'one',
+    [
+        snapshot({'homed': False}),
+        snapshot({}, {}, {'position': None}),
+        snapshot(stamp=None),
+        snapshot({'is_silent': True}),
+    ],
+)
 def test_unknown_carriage_position_gives_no_joint_states(one):
     assert one.joints() is None
 
 
-@pytest.mark.parametrize(('other', 'is_same'), [
-    (snapshot({'statusword': WITH_TARGET_REACHED}), True),
-    (snapshot({'missed': 7, 'heartbeat_age': 3.0}), True),
-    (snapshot(stamp=1001.0), True),
-    (snapshot(state=ControllerState.HALTED), False), (snapshot({'statusword': FAULT}), False),
-    (snapshot({'homed': False}), False), (snapshot({'error_code': 0x2310}), False),
-    (snapshot({'statusword': None}), False), (snapshot(causes=CAUSES), False),
-    (snapshot(next_step='activate'), False), (snapshot(bus_error='no such device'), False)])
+@pytest.mark.parametrize(
+    ('other', 'is_same'),
+    [
+        (snapshot({'statusword': WITH_TARGET_REACHED}), True),
+        (snapshot({'missed': 7, 'heartbeat_age': 3.0}), True),
+        (snapshot(stamp=1001.0), True),
+        (snapshot(state=ControllerState.HALTED), False),
+        (snapshot({'statusword': FAULT}), False),
+        (snapshot({'homed': False}), False),
+        (snapshot({'error_code': 0x2310}), False),
+        (snapshot({'statusword': None}), False),
+        (snapshot(causes=CAUSES), False),
+        (snapshot(next_step='activate'), False),
+        (snapshot(bus_error='no such device'), False),
+    ],
+)
 def test_outcome_depends_only_on_states_and_causes(other, is_same):
     assert (other.outcome() == snapshot().outcome()) is is_same
 

@@ -18,7 +18,9 @@ from facade_manipulator.motion.limits import MotionLimits
 GEOMETRY, LIMITS, CONTROLLER = Geometry(), MotionLimits(), ControllerSettings()
 
 
-def analysis(geometry=GEOMETRY, limits=LIMITS, controller=CONTROLLER, **axis) -> StoppingAnalysis:
+def analysis(
+    geometry=GEOMETRY, limits=LIMITS, controller=CONTROLLER, **axis
+) -> StoppingAnalysis:
     axes = tuple(replace(one, **axis) for one in DEFAULT_AXES)
     return StoppingAnalysis(geometry, limits, axes, controller)
 
@@ -27,21 +29,35 @@ def test_default_parameters_keep_the_carriages_apart():
     found = analysis()
     found.check()
     assert [outcome.distance for outcome in found.outcomes] == pytest.approx(
-        [0.0154, 0.0054], abs=1e-4)
-    assert found.separation.speed(GEOMETRY.carriage_gap) == pytest.approx(0.294, abs=0.001)
+        [0.0154, 0.0054], abs=1e-4
+    )
+    assert found.separation.speed(GEOMETRY.carriage_gap) == pytest.approx(
+        0.294, abs=0.001
+    )
     assert found.separation.distance(LIMITS.speed) == pytest.approx(0.0518, abs=1e-4)
 
 
 @pytest.mark.parametrize('lag', [0.0, 0.01])
 def test_worst_axis_and_drive_lag_determine_the_separation(lag):
-    worse = replace(DEFAULT_AXES[1], stop_deceleration=4.0, following_error_window=0.02,
-                    following_error_time=DEFAULT_AXES[1].following_error_time + 0.03)
-    found = StoppingAnalysis(GEOMETRY, LIMITS, (DEFAULT_AXES[0], worse, DEFAULT_AXES[2]),
-                             replace(CONTROLLER, drive_lag=lag)).separation
+    worse = replace(
+        DEFAULT_AXES[1],
+        stop_deceleration=4.0,
+        following_error_window=0.02,
+        following_error_time=DEFAULT_AXES[1].following_error_time + 0.03,
+    )
+    found = StoppingAnalysis(
+        GEOMETRY,
+        LIMITS,
+        (DEFAULT_AXES[0], worse, DEFAULT_AXES[2]),
+        replace(CONTROLLER, drive_lag=lag),
+    ).separation
     sound = analysis().separation
     assert (found.deceleration, found.window) == (4.0, 0.02)
-    assert [found.silence - sound.silence, found.report - sound.report,
-            found.tracking - sound.tracking] == pytest.approx([lag, lag, 0.03 + lag])
+    assert [
+        found.silence - sound.silence,
+        found.report - sound.report,
+        found.tracking - sound.tracking,
+    ] == pytest.approx([lag, lag, 0.03 + lag])
 
 
 def test_loop_slows_down_when_measured_carriages_are_near():
@@ -53,27 +69,65 @@ def test_loop_slows_down_when_measured_carriages_are_near():
 
 @pytest.mark.parametrize('number', [0, 1])
 def test_gap_of_an_outcome_keeps_carriages_apart(number):
-    found = analysis(replace(GEOMETRY, carriage_gap=analysis().outcomes[number].gap + 1e-6))
+    found = analysis(
+        replace(GEOMETRY, carriage_gap=analysis().outcomes[number].gap + 1e-6)
+    )
     assert found.outcomes[number].distance >= -1e-6
 
 
-@pytest.mark.parametrize(('changes', 'message'), [
-    ({'stop_deceleration': 1.5}, r'0\.041\d+ m'),
-    ({'stop_deceleration': 1.5, 'limit_margin': 0.1},
-     'if all three brake at once.*-0.073 m.*increase .* axes.stop_deceleration'),
-    ({'geometry': replace(GEOMETRY, carriage_length=0.015), 'following_error_window': 0.002},
-     'if one brakes independently and reports.*0.00539 m.*increase geometry.carriage_gap '
-     'to at least 0.0296 m, axes.stop_deceleration or limits.jerk, or reduce limits.speed'),
-    ({'geometry': replace(GEOMETRY, carriage_gap=0.0012), 'following_error_window': 0.0009},
-     'at geometry.carriage_gap.* 0 m/s'),
-    ({'following_error_window': 0.016}, 'following_error_window = 0.016 m is above.* 0.015 m'),
-    ({'controller': replace(CONTROLLER, drive_lag=0.04)}, 'at which the drives would trip'),
-    ({'limits': replace(LIMITS, speed=0.61)}, 'limits.speed = 0.61 m/s is above axes.max_speed'),
-    ({'following_error_window': 0.015}, None),  # at the bound, as the others
-    ({'geometry': replace(GEOMETRY, carriage_gap=0.05), 'stop_deceleration': 2.9,
-      'limit_margin': 0.0015}, None),
-    ({'geometry': replace(GEOMETRY, carriage_gap=0.0147), 'following_error_window': 0.01}, None),
-])
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'stop_deceleration': 1.5}, r'0\.041\d+ m'),
+        (
+            {'stop_deceleration': 1.5, 'limit_margin': 0.1},
+            'if all three brake at once.*-0.073 m.*increase .* axes.stop_deceleration',
+        ),
+        (
+            {
+                'geometry': replace(GEOMETRY, carriage_length=0.015),
+                'following_error_window': 0.002,
+            },
+            'if one brakes independently and reports.*0.00539 m.*increase geometry.carriage_gap '
+            'to at least 0.0296 m, axes.stop_deceleration or limits.jerk, or reduce limits.speed',
+        ),
+        (
+            {
+                'geometry': replace(GEOMETRY, carriage_gap=0.0012),
+                'following_error_window': 0.0009,
+            },
+            'at geometry.carriage_gap.* 0 m/s',
+        ),
+        (
+            {'following_error_window': 0.016},
+            'following_error_window = 0.016 m is above.* 0.015 m',
+        ),
+        (
+            {'controller': replace(CONTROLLER, drive_lag=0.04)},
+            'at which the drives would trip',
+        ),
+        (
+            {'limits': replace(LIMITS, speed=0.61)},
+            'limits.speed = 0.61 m/s is above axes.max_speed',
+        ),
+        ({'following_error_window': 0.015}, None),  # at the bound, as the others
+        (
+            {
+                'geometry': replace(GEOMETRY, carriage_gap=0.05),
+                'stop_deceleration': 2.9,
+                'limit_margin': 0.0015,
+            },
+            None,
+        ),
+        (
+            {
+                'geometry': replace(GEOMETRY, carriage_gap=0.0147),
+                'following_error_window': 0.01,
+            },
+            None,
+        ),
+    ],
+)
 def test_parameters_that_let_carriages_touch_are_rejected(changes, message):
     with pytest.raises(ParameterError, match=message) if message else nullcontext():
         analysis(**changes).check()

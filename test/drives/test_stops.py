@@ -45,8 +45,10 @@ def test_stop_shortly_before_sync_waits_for_it(make_rig, share):
     rig = make_rig(has_kernel_sync=True)
     at_rest(rig)
     sync, period = rig.bus.next_sync, rig.settings.period
-    rig.later(sync + share * period - rig.clock.now,
-              lambda: rig.forge(pdo.EMERGENCY + 1, OVERCURRENT))
+    rig.later(
+        sync + share * period - rig.clock.now,
+        lambda: rig.forge(pdo.EMERGENCY + 1, OVERCURRENT),
+    )
     rig.frames()
     rig.cycles(4)
     times = [frame.time - sync for frame in rig.frames() if is_quick_stop(frame)][:3]
@@ -56,13 +58,18 @@ def test_stop_shortly_before_sync_waits_for_it(make_rig, share):
 
 # --- targets and measured positions
 
+
 def fail(positions):
     raise RuntimeError('out of ideas')
 
 
-@pytest.mark.parametrize(('distort', 'message'), [
-    (lambda p: (p[0], math.inf, p[2]), 'q2 = inf is not a finite number'),
-    (fail, 'RuntimeError: out of ideas')])
+@pytest.mark.parametrize(
+    ('distort', 'message'),
+    [
+        (lambda p: (p[0], math.inf, p[2]), 'q2 = inf is not a finite number'),
+        (fail, 'RuntimeError: out of ideas'),
+    ],
+)
 def test_bad_target_or_failing_source_stops_all(rig, distort, message):
     at_rest(rig)
     sample, rig.follower.sample = rig.follower.sample, lambda time: distort(HOME)
@@ -92,8 +99,10 @@ def test_target_beyond_the_check_stops_and_prevents_activation(make_rig):
 
 
 CLOSE = (-0.022, 0.022, 0.0)  # m, where a pose closes too
-CLOSE_AXES = tuple(replace(axis, home_position=home)
-             for axis, home in zip(DEFAULT_AXES, CLOSE, strict=True))
+CLOSE_AXES = tuple(
+    replace(axis, home_position=home)
+    for axis, home in zip(DEFAULT_AXES, CLOSE, strict=True)
+)
 
 
 def test_carriage_lagging_into_the_gap_stops_all(make_rig):
@@ -109,6 +118,7 @@ def test_carriage_lagging_into_the_gap_stops_all(make_rig):
 
 # --- the operator and an own error
 
+
 def test_power_stays_off_while_forbidden(rig):
     rig.controller.forbid_power('the red button is pressed')  # before there is a bus
     inactive_without_home = rig.request('configure')
@@ -119,7 +129,9 @@ def test_power_stays_off_while_forbidden(rig):
     rig.request('home', 'activate')
 
 
-@pytest.mark.parametrize('situation', ['active at rest', 'active in motion', 'stopping'])
+@pytest.mark.parametrize(
+    'situation', ['active at rest', 'active in motion', 'stopping']
+)
 def test_powered_drives_stop_when_power_is_forbidden(rig, situation):
     SITUATIONS[situation](rig)
     rig.controller.forbid_power('the red button is pressed')
@@ -157,7 +169,9 @@ FAST = 0.08  # m/s
 
 
 def test_power_stays_on_while_carriages_brake(make_rig):
-    rig = make_rig(axes=WEAK, limits=SLOW, settings=replace(SETTINGS, ramp_timeout=10.0))
+    rig = make_rig(
+        axes=WEAK, limits=SLOW, settings=replace(SETTINGS, ramp_timeout=10.0)
+    )
     rig.stream(amplitude=0.1, rate=1.0)
     at_rest(rig)
     rig.until(lambda: min(axis.velocity for axis in rig.snapshot.axes) > FAST)

@@ -16,7 +16,11 @@ from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import AxisCommand, Mode
-from facade_manipulator.drives.targets import MechanismChecks, STEP_MARGIN, TargetSupervisor
+from facade_manipulator.drives.targets import (
+    MechanismChecks,
+    STEP_MARGIN,
+    TargetSupervisor,
+)
 from facade_manipulator.errors import ManipulatorError
 
 ACTIVE = ControllerState.ACTIVE
@@ -52,12 +56,16 @@ class Drives:
 
     def __init__(self, lag: float = 0.0, axes=DEFAULT_AXES) -> None:
         settings = replace(SETTINGS, drive_lag=lag)
-        self.monitors = tuple(AxisMonitor(name, axis, settings, load_profile(axis.profile))
-                              for name, axis in zip(AXIS_NAMES, axes, strict=True))
+        self.monitors = tuple(
+            AxisMonitor(name, axis, settings, load_profile(axis.profile))
+            for name, axis in zip(AXIS_NAMES, axes, strict=True)
+        )
         for monitor, counts in zip(self.monitors, HERE, strict=True):
             monitor.counts = counts
         self.source, self.group = Source(), Group(self.monitors, settings)
-        self.targets = TargetSupervisor(self.group, settings, MechanismChecks(self.source))
+        self.targets = TargetSupervisor(
+            self.group, settings, MechanismChecks(self.source)
+        )
         self.choose(ControllerState.INACTIVE, OFF)
 
     def choose(self, state: ControllerState, command: AxisCommand = ON) -> None:
@@ -71,8 +79,12 @@ class Drives:
         return self.group.reason
 
 
-FOLLOWING = (ControllerState.ACTIVATING, ControllerState.ACTIVE, ControllerState.DEACTIVATING,
-             ControllerState.HALTED)
+FOLLOWING = (
+    ControllerState.ACTIVATING,
+    ControllerState.ACTIVE,
+    ControllerState.DEACTIVATING,
+    ControllerState.HALTED,
+)
 states = st.sampled_from(sorted(ControllerState, key=str))
 numbers = st.one_of(st.floats(-0.6, 0.6), st.floats())
 
@@ -90,8 +102,13 @@ def test_steps_to_the_drives_stay_within_the_bound(cycles):
             continue
         if state in FOLLOWING:
             largest = LARGEST_STEP * DEFAULT_AXES[0].counts_per_metre + 1
-            assert max(abs(a - b) for a, b in zip(
-                drives.targets.counts, before, strict=True)) <= largest
+            assert (
+                max(
+                    abs(a - b)
+                    for a, b in zip(drives.targets.counts, before, strict=True)
+                )
+                <= largest
+            )
 
 
 def test_enabled_drives_hold_their_targets_without_following():
@@ -112,11 +129,16 @@ def test_unknown_carriage_position_stops_all(state):
 
 @pytest.mark.parametrize('missed', [0, SETTINGS.max_missed_cycles])
 @pytest.mark.parametrize('lag', [0.0, 0.013])
-@pytest.mark.parametrize(('off', 'message'), [
-    ((0.0, 0.0, 0.0), ''), ((0.0, 0.96 * WINDOW, 0.0), ''),
-    ((0.0, -1.04 * WINDOW, 0.0), 'q2 (node 2) is 0.'),
-    ((0.0, 0.0, 1.04 * WINDOW), 'q3 (node 3) is -0.'),
-    ((0.52 * WINDOW, 0.0, -0.52 * WINDOW), 'q1 and q3 differ by 0.0156 m')])
+@pytest.mark.parametrize(
+    ('off', 'message'),
+    [
+        ((0.0, 0.0, 0.0), ''),
+        ((0.0, 0.96 * WINDOW, 0.0), ''),
+        ((0.0, -1.04 * WINDOW, 0.0), 'q2 (node 2) is 0.'),
+        ((0.0, 0.0, 1.04 * WINDOW), 'q3 (node 3) is -0.'),
+        ((0.52 * WINDOW, 0.0, -0.52 * WINDOW), 'q1 and q3 differ by 0.0156 m'),
+    ],
+)
 def test_following_error_uses_the_latched_target(lag, missed, off, message):
     """Each missing answer makes the latched target one cycle older."""
     wide = replace(DEFAULT_AXES[0], following_error_window=2.0 * WINDOW)

@@ -10,14 +10,21 @@ from facade_manipulator.drives.units import VELOCITY_UNITS
 
 SCALES = st.builds(
     AxisSettings,
-    pulses_per_revolution=st.integers(1, 5000), gear_ratio=st.floats(0.5, 50.0),
-    lead=st.floats(0.002, 0.05), direction=st.sampled_from((-1, 1)),
-    rated_torque=st.floats(0.01, 5.0), efficiency=st.floats(0.1, 1.0),
-    velocity_unit=st.sampled_from(tuple(VELOCITY_UNITS)))
+    pulses_per_revolution=st.integers(1, 5000),
+    gear_ratio=st.floats(0.5, 50.0),
+    lead=st.floats(0.002, 0.05),
+    direction=st.sampled_from((-1, 1)),
+    rated_torque=st.floats(0.01, 5.0),
+    efficiency=st.floats(0.1, 1.0),
+    velocity_unit=st.sampled_from(tuple(VELOCITY_UNITS)),
+)
 
 
 # CiA 402-2, 60A9h: prefix, unit, per what
-COUNTED, SECONDS = {0x01: 'metre', 0xB4: 'revolution', 0xB5: 'count'}, {0x03: 1.0, 0x47: 60.0}
+COUNTED, SECONDS = (
+    {0x01: 'metre', 0xB4: 'revolution', 0xB5: 'count'},
+    {0x03: 1.0, 0x47: 60.0},
+)
 
 
 @pytest.mark.parametrize('unit', VELOCITY_UNITS.values(), ids=VELOCITY_UNITS)
@@ -25,7 +32,7 @@ def test_unit_code_matches_the_size_of_the_unit(unit):
     code = unit.velocity.to_bytes(4, 'big')
     prefix = int.from_bytes(code[:1], 'big', signed=True)
     assert unit.counted == COUNTED[code[1]]
-    assert unit.factor == pytest.approx(SECONDS[code[2]] * 10.0 ** -prefix)
+    assert unit.factor == pytest.approx(SECONDS[code[2]] * 10.0**-prefix)
 
 
 @given(SCALES, st.integers(-1_000_000, 1_000_000))
@@ -41,9 +48,16 @@ def test_direction_inverts_position_speed_and_force(scale, value):
 
 
 def test_prototype_has_the_published_counts_and_force():
-    scale = AxisSettings(pulses_per_revolution=500, gear_ratio=4.3, lead=0.02, rated_torque=0.0545,
-                      efficiency=0.8, velocity_unit='rpm')
+    scale = AxisSettings(
+        pulses_per_revolution=500,
+        gear_ratio=4.3,
+        lead=0.02,
+        rated_torque=0.0545,
+        efficiency=0.8,
+        velocity_unit='rpm',
+    )
     assert scale.counts_per_metre == pytest.approx(430_000)
     assert 1000 * scale.si_per_unit.force == pytest.approx(
-        2 * math.pi * 0.8 * 0.0545 * 4.3 / 0.02)
+        2 * math.pi * 0.8 * 0.0545 * 4.3 / 0.02
+    )
     assert scale.si_per_unit.velocity * 6450 == pytest.approx(0.5)

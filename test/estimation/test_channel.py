@@ -21,10 +21,15 @@ def channel(*levels):
 
 def decide(channel, residuals, begin=0.0):
     """Return the measurements with their levels, and the events."""
-    measurements = [Measurement('left', begin + k * PERIOD, 0.0, SIGMA ** 2)
-                    for k in range(len(residuals))]
-    return measurements, [event for one, residual in zip(measurements, residuals, strict=True)
-                          if (event := channel.decide(one, residual, SIGMA, is_coasting=False))]
+    measurements = [
+        Measurement('left', begin + k * PERIOD, 0.0, SIGMA**2)
+        for k in range(len(residuals))
+    ]
+    return measurements, [
+        event
+        for one, residual in zip(measurements, residuals, strict=True)
+        if (event := channel.decide(one, residual, SIGMA, is_coasting=False))
+    ]
 
 
 def test_mullion_becomes_a_level_after_a_quarter_second():
@@ -41,8 +46,9 @@ def test_mullion_becomes_a_level_after_a_quarter_second():
 
 def test_window_panes_are_outliers_without_a_level():
     seen, random = channel(), np.random.default_rng(1)
-    measurements, events = decide(seen, np.where(
-        random.random(500) < 0.5, random.uniform(0.3, 3.0, 500), 0.0))
+    measurements, events = decide(
+        seen, np.where(random.random(500) < 0.5, random.uniform(0.3, 3.0, 500), 0.0)
+    )
     assert {one.level for one in measurements} == {0.0, OUTLIER} and not events
 
 
@@ -55,40 +61,60 @@ def test_outliers_that_agree_near_a_level_increase_variance():
 
 def test_configured_level_is_used_at_once_and_kept():
     seen = channel(-0.03)
-    assert decide(seen, [-0.03])[0][0].level == -0.03 and seen.counts == {'other level': 1}
+    assert decide(seen, [-0.03])[0][0].level == -0.03 and seen.counts == {
+        'other level': 1
+    }
     for k in range(1, MOST):
         decide(seen, [0.1 * k] * 40, begin=k)
-    offsets = [level.offset for level in seen.levels]  # the oldest found level was replaced
+    offsets = [
+        level.offset for level in seen.levels
+    ]  # the oldest found level was replaced
     assert offsets == pytest.approx([0.0, -0.03, *(0.1 * k for k in range(2, MOST))])
 
 
 def distances(wall, y, yaw, offsets=(0.0, 0.0)):
-    return [(wall + offset - y - np.sin(yaw) * sx - np.cos(yaw) * sy) / np.cos(yaw)
-            for (sx, sy, _), offset in zip(PLACES, offsets, strict=True)]
+    return [
+        (wall + offset - y - np.sin(yaw) * sx - np.cos(yaw) * sy) / np.cos(yaw)
+        for (sx, sy, _), offset in zip(PLACES, offsets, strict=True)
+    ]
 
 
 # y below half the 30 mm between the levels: a larger y is likelier another level
-@given(st.floats(-0.014, 0.014), st.floats(-0.01, 0.01), st.floats(0.3, 0.6),
-       st.sampled_from([(0.0, 0.0), (-0.03, 0.0), (0.0, -0.03)]), st.booleans())
+@given(
+    st.floats(-0.014, 0.014),
+    st.floats(-0.01, 0.01),
+    st.floats(0.3, 0.6),
+    st.sampled_from([(0.0, 0.0), (-0.03, 0.0), (0.0, -0.03)]),
+    st.booleans(),
+)
 def test_start_finds_wall_y_and_yaw(y, yaw, wall, offsets, is_known):
     y *= is_known  # y begins at 0 otherwise
     assert start_at_wall(
-        wall * is_known, PLACES, distances(wall, y, yaw, offsets), [0.0, -0.03],
+        wall * is_known,
+        PLACES,
+        distances(wall, y, yaw, offsets),
+        [0.0, -0.03],
     ) == pytest.approx((wall, y, yaw), abs=2e-4)
 
 
 @pytest.mark.parametrize('known', [0.0, 0.45])
 def test_start_by_one_sensor_assumes_no_yaw(known):
-    assert start_at_wall(known, PLACES[1:], [0.43], [0.0]) == pytest.approx((0.45, 0.0, 0.0))
+    assert start_at_wall(known, PLACES[1:], [0.43], [0.0]) == pytest.approx(
+        (0.45, 0.0, 0.0)
+    )
 
 
 def test_densest_cluster_between_panes_is_the_wall():
     random = np.random.default_rng(2)
     for _ in range(300):
         first = FirstMeasurements()
-        wall = 0.45 + 5e-3 * np.linspace(0.0, 1.0, 40) + 2e-4 * random.standard_normal(40)
+        wall = (
+            0.45 + 5e-3 * np.linspace(0.0, 1.0, 40) + 2e-4 * random.standard_normal(40)
+        )
         through = random.permutation(40) < 25
-        for k, value in enumerate(np.where(through, wall + random.uniform(0.3, 3.0, 40), wall)):
+        for k, value in enumerate(
+            np.where(through, wall + random.uniform(0.3, 3.0, 40), wall)
+        ):
             first.add(k * PERIOD, value)
         assert first.suffice(0.4) and not first.suffice(2.0)
         assert first.densest() == pytest.approx(0.4525, abs=4e-3)

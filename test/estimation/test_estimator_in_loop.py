@@ -16,10 +16,16 @@ def run(raw_sensors=True, spoil=lambda time, measurement: measurement):
     loop = ClosedLoop(replace(GUSTS, raw_sensors=raw_sensors), GOAL)
     receive = loop.world.raw_sensors.receive
     loop.world.raw_sensors.receive = lambda now: [
-        spoilt for one in receive(now) if (spoilt := spoil(now - START, one))]
-    errors = np.array([one.error for one in loop.follow(GOAL, DURATION, 0.0)
-                       if one.time - START > SETTLED])
-    return loop, np.sqrt((errors ** 2).mean(axis=0))
+        spoilt for one in receive(now) if (spoilt := spoil(now - START, one))
+    ]
+    errors = np.array(
+        [
+            one.error
+            for one in loop.follow(GOAL, DURATION, 0.0)
+            if one.time - START > SETTLED
+        ]
+    )
+    return loop, np.sqrt((errors**2).mean(axis=0))
 
 
 def test_raw_sensors_give_less_error_than_noisy_estimates():
@@ -30,7 +36,9 @@ def test_raw_sensors_give_less_error_than_noisy_estimates():
 
 
 def test_silent_fix_stops_only_the_correction_of_x():
-    loop, found = run(spoil=lambda time, one: None if one.sensor == 'fix_x' and time > 8 else one)
+    loop, found = run(
+        spoil=lambda time, one: None if one.sensor == 'fix_x' and time > 8 else one
+    )
     assert loop.compensator.correction.known == (False, True, True)
     assert found[0] > 0.01
     assert (found[1:] < (1e-3, 1e-3)).all()

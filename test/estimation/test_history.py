@@ -27,8 +27,10 @@ class Played:
                 self.history.update()
 
     def add_input(self, k, is_coasting=False):
-        self.history.add_input(k * STEP, None if is_coasting else (
-            0.0, 0.0, 0.01 * k, np.sin(0.3 * k), 0.1, 9.81))
+        self.history.add_input(
+            k * STEP,
+            None if is_coasting else (0.0, 0.0, 0.01 * k, np.sin(0.3 * k), 0.1, 9.81),
+        )
 
     def correct(self, step, measurement):
         """Return x after a past measurement, with its level decided once."""
@@ -39,8 +41,12 @@ class Played:
         jacobian = np.zeros(len(mean))
         jacobian[X], jacobian[VX] = 1.0, measurement.stamp - step.stamp
         cross = covariance @ jacobian
-        return update(step.state, cross, float(cross @ jacobian) + measurement.variance,
-                      measurement.value - float(jacobian @ mean))
+        return update(
+            step.state,
+            cross,
+            float(cross @ jacobian) + measurement.variance,
+            measurement.value - float(jacobian @ mean),
+        )
 
 
 def same_state(one):
@@ -50,7 +56,9 @@ def same_state(one):
 @given(st.lists(st.integers(0, 15), min_size=5, max_size=5))
 def test_late_and_prompt_measurements_give_the_same_state(delays):
     prompt = [(int(stamp / STEP) + 1, stamp) for stamp in STAMPS]
-    late = Played([(k + delay, stamp) for (k, stamp), delay in zip(prompt, delays, strict=True)])
+    late = Played(
+        [(k + delay, stamp) for (k, stamp), delay in zip(prompt, delays, strict=True)]
+    )
     assert np.vstack(late.history.update().state) == same_state(Played(prompt))
     assert late.decided == len(STAMPS)
 
@@ -59,7 +67,9 @@ def test_measurement_newer_than_the_inputs_waits():
     made = Played([(1, 0.0123)], steps=2)
     assert made.decided == 0
     made.add_input(3)
-    assert np.vstack(made.history.update().state) == same_state(Played([(3, 0.0123)], steps=3))
+    assert np.vstack(made.history.update().state) == same_state(
+        Played([(3, 0.0123)], steps=3)
+    )
 
 
 def test_late_imu_input_replaces_coasting():
@@ -81,8 +91,13 @@ def test_first_input_at_the_initial_time_keeps_the_pose():
 def test_inputs_between_two_queries_share_one_step():
     rare, frequent = Played(query=STEPS), Played()
     assert rare.history.update().state.mean[:AX] == pytest.approx(
-        frequent.history.update().state.mean[:AX], abs=1e-4)
-    assert len(rare.history._steps) == 1 + STEPS / 2 == 0.5 * (1 + len(frequent.history._steps))
+        frequent.history.update().state.mean[:AX], abs=1e-4
+    )
+    assert (
+        len(rare.history._steps)
+        == 1 + STEPS / 2
+        == 0.5 * (1 + len(frequent.history._steps))
+    )
 
 
 def test_history_keeps_its_configured_span():

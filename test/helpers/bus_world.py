@@ -39,7 +39,8 @@ LEAD = 0.04  # s, by which a setpoint comes before its instant
 SETTINGS = ControllerSettings(boot_timeout=0.5)
 MOST_STEPS = 20  # from anything to drives that follow
 SWITCH_HOMING = tuple(
-    replace(axis, homing_method=17, homing_speed=0.2) for axis in DEFAULT_AXES)
+    replace(axis, homing_method=17, homing_speed=0.2) for axis in DEFAULT_AXES
+)
 #: takes a time since the drives are active [s]; returns how far the carriages have gone since
 #: then [m] and how fast they go [m/s]
 Course = Callable[[float], tuple[list[float], list[float]]]
@@ -50,22 +51,31 @@ class Rig(BusWorld):
     """Controller, three simulated drives, and targets from a stream of setpoints."""
 
     def __init__(
-        self, settings: ControllerSettings = SETTINGS, axes=DEFAULT_AXES, drives=None,
-        limits: MotionLimits | None = None, has_kernel_sync: bool = False, **checks: object,
+        self,
+        settings: ControllerSettings = SETTINGS,
+        axes=DEFAULT_AXES,
+        drives=None,
+        limits: MotionLimits | None = None,
+        has_kernel_sync: bool = False,
+        **checks: object,
     ) -> None:
         super().__init__(drives or [*map(SimulatedDrive, axes)], has_kernel_sync)
         self.settings, self.axes = settings, axes
         self._told = 0
-        self.follower, checked = checked_follower(LoopSetup(
-            Geometry(), settings, axes, limits=limits or MotionLimits()))
+        self.follower, checked = checked_follower(
+            LoopSetup(Geometry(), settings, axes, limits=limits or MotionLimits())
+        )
         self.controller = DriveController(
-            settings, axes, self.open_bus, replace(checked, **checks), self.clock)
+            settings, axes, self.open_bus, replace(checked, **checks), self.clock
+        )
         self.controller.observe = self._observe
         self.checks = CycleChecks(self)
         self.failures: list[Exception] = []  #: found by the checks
         self.jobs: list[tuple[str, Future]] = []
         self.undo: list[Callable[[], object]] = []
-        self.course: Course | None = None  #: of the setpoints while the drives are active
+        self.course: Course | None = (
+            None  #: of the setpoints while the drives are active
+        )
         self._base: Triple | None = None
         self._begun = self._next_setpoint = self._stall = 0.0
         self.power_cut()
@@ -167,6 +177,7 @@ class Rig(BusWorld):
 
     def stream(self, amplitude: float = 0.06, rate: float = 4.0) -> None:
         """Oscillate the setpoints by twice an amplitude [m], at a rate [rad/s]."""
+
         def course(time: float) -> tuple[list[float], list[float]]:
             offset = amplitude * (1.0 - math.cos(rate * time))
             return [offset] * 3, [amplitude * rate * math.sin(rate * time)] * 3
@@ -213,7 +224,10 @@ class Rig(BusWorld):
     def _observe(self, snapshot: ControllerSnapshot) -> None:
         try:
             self.checks.look(snapshot)
-        except (AssertionError, ManipulatorError) as error:  # the controller would catch it
+        except (
+            AssertionError,
+            ManipulatorError,
+        ) as error:  # the controller would catch it
             self.failures.append(error)
         stall, self._stall = self._stall, 0.0
         self.pass_time(stall)
@@ -223,20 +237,32 @@ class Rig(BusWorld):
 
     def _send_setpoint(self, snapshot: ControllerSnapshot) -> None:
         motion = self.follower.motion
-        if self.course is None or snapshot.state is not ControllerState.ACTIVE or motion is None:
+        if (
+            self.course is None
+            or snapshot.state is not ControllerState.ACTIVE
+            or motion is None
+        ):
             self._base = None
             return
         if self._base is None:
             self._base, self._begun = motion.position, self.clock.now
         offsets, speeds = self.course(self.clock.now - self._begun + LEAD)
         with suppress(ManipulatorError):  # a setpoint that is rejected moves nothing
-            self.follower.add(Setpoint(
-                self.clock.time() + LEAD,
-                tuple(q + offset for q, offset in zip(self._base, offsets, strict=True)),
-                tuple(speeds)), self.clock.time())
+            self.follower.add(
+                Setpoint(
+                    self.clock.time() + LEAD,
+                    tuple(
+                        q + offset
+                        for q, offset in zip(self._base, offsets, strict=True)
+                    ),
+                    tuple(speeds),
+                ),
+                self.clock.time(),
+            )
 
 
 # --- situations
+
 
 def configured(rig: Rig) -> None:
     rig.request('configure', 'home')
@@ -265,8 +291,13 @@ def stopping(rig: Rig) -> None:
 
 
 SITUATIONS = {
-    'not configured': lambda rig: None, 'configured': configured, 'homing': homing,
-    'active at rest': at_rest, 'active in motion': in_motion, 'stopping': stopping}
+    'not configured': lambda rig: None,
+    'configured': configured,
+    'homing': homing,
+    'active at rest': at_rest,
+    'active in motion': in_motion,
+    'stopping': stopping,
+}
 
 
 def ignore_targets(drive: SimulatedDrive) -> Callable[[], object]:

@@ -65,19 +65,31 @@ class ClosedLoop:
         self.now = START  #: time of the next cycle [s]
         self.scenario = scenario
         self.world = World(scenario, geometry, START, head, drive_lag)
-        self.compensator = Compensator(geometry, DEFAULTS._replace(**{
-            part: settings_from(
-                type(default), scenario.compensator, '' if part == 'compensation' else part)
-            for part, default in DEFAULTS._asdict().items()}))
+        self.compensator = Compensator(
+            geometry,
+            DEFAULTS._replace(
+                **{
+                    part: settings_from(
+                        type(default),
+                        scenario.compensator,
+                        '' if part == 'compensation' else part,
+                    )
+                    for part, default in DEFAULTS._asdict().items()
+                }
+            ),
+        )
         self.rejections: list[str] = []
         self.follower = SetpointFollower(
-            StreamSettings(), MotionLimits(), PERIOD, mechanism_guard(geometry))
+            StreamSettings(), MotionLimits(), PERIOD, mechanism_guard(geometry)
+        )
         self.follower.reset(self.world.carriages)
         self._mechanism = Mechanism(geometry)
         self._stream = SetpointStream(geometry, GoalSettings())
         self._command = self.world.carriages  # computed in the previous cycle
         self._measured: tuple[float, Carriages, Wrench] | None = None
-        self._plans: deque[tuple[Any, ...]] = deque()  # time, reference, prediction, deviations
+        self._plans: deque[tuple[Any, ...]] = (
+            deque()
+        )  # time, reference, prediction, deviations
         self.estimator = DisturbanceEstimator(SETUP) if scenario.raw_sensors else None
 
     def run(self, duration: float) -> list[Cycle]:
@@ -97,7 +109,8 @@ class ClosedLoop:
         mission, cycles = self.scenario.mission, self.run(ESTIMATOR_START)
         for number in range(math.ceil(duration / mission.goal_period)):
             cycles += self.follow(
-                mission.goal(number * mission.goal_period), mission.goal_period, 0.0)
+                mission.goal(number * mission.goal_period), mission.goal_period, 0.0
+            )
         return cycles
 
     def step(self) -> Cycle:
@@ -107,31 +120,55 @@ class ClosedLoop:
             stamp, carriages, wrench = self._measured
             if self.scenario.wall.is_touched:
                 self._attempt(compensator.contact.add_wrench, now, stamp, wrench)
-            self._attempt(compensator.following.add_head, stamp,
-                          self._mechanism.forward_kinematics(carriages))
+            self._attempt(
+                compensator.following.add_head,
+                stamp,
+                self._mechanism.forward_kinematics(carriages),
+            )
         self._measured = now, self.world.carriages, self.world.measure_wrench()
         for estimate in self._estimates(now):
             self._attempt(compensator.add_estimate, now, *estimate[:3])
         corrected, is_limited = compensator.update(now), False
         if corrected is not None:
             time = corrected.time
-            self._plans.append((time, corrected.reference, compensator.correction.disturbance(
-                time), compensator.correction.deviations(time)))
-            is_limited = any(abs(error) > LEAST_ERROR for error in corrected.saturation_error)
-            self._attempt(lambda: self.follower.add(
-                self._stream.setpoint(time, corrected.pose), now))
+            self._plans.append(
+                (
+                    time,
+                    corrected.reference,
+                    compensator.correction.disturbance(time),
+                    compensator.correction.deviations(time),
+                )
+            )
+            is_limited = any(
+                abs(error) > LEAST_ERROR for error in corrected.saturation_error
+            )
+            self._attempt(
+                lambda: self.follower.add(
+                    self._stream.setpoint(time, corrected.pose), now
+                )
+            )
         self.now = now + PERIOD
         self.world.advance(self.now, self._command)
-        self._command = Carriages(*self.follower.sample(now + CYCLES_AHEAD * PERIOD + DRIVE_LAG))
+        self._command = Carriages(
+            *self.follower.sample(now + CYCLES_AHEAD * PERIOD + DRIVE_LAG)
+        )
         while len(self._plans) > 1 and self._plans[1][0] <= self.now + 1e-9:
             self._plans.popleft()
         _, reference, predicted, deviations = (
-            self._plans[0] if self._plans else (self.now, self.world.head, None, None))
+            self._plans[0] if self._plans else (self.now, self.world.head, None, None)
+        )
         return Cycle(
-            self.now, self.world.rail, self.world.head, self.world.wrench,
+            self.now,
+            self.world.rail,
+            self.world.head,
+            self.world.wrench,
             difference(self.world.head, reference),
-            difference(compose(self.world.rail, reference), reference), is_limited,
-            self._command, predicted, deviations)
+            difference(compose(self.world.rail, reference), reference),
+            is_limited,
+            self._command,
+            predicted,
+            deviations,
+        )
 
     def _estimates(self, now: float) -> list[Estimate]:
         if self.estimator is None:
@@ -139,8 +176,17 @@ class ClosedLoop:
         for measurement in self.world.raw_sensors.receive(now):
             feed(self.estimator, now, measurement, [])
         motion = self.estimator.advance(now)
-        return [] if motion is None else [Estimate(
-            motion.stamp, motion.pose, tuple(np.diag(motion.covariance).tolist()))]
+        return (
+            []
+            if motion is None
+            else [
+                Estimate(
+                    motion.stamp,
+                    motion.pose,
+                    tuple(np.diag(motion.covariance).tolist()),
+                )
+            ]
+        )
 
     def _attempt(self, take: Callable[..., object], *arguments: Any) -> None:
         try:

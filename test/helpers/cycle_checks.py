@@ -25,7 +25,11 @@ ROUNDING = (1.0, 2.0, 4.0)  # counts, in the first, second and third difference
 LEAST_GAP = 0.012  # m, of the 20 that are commanded, between the carriages as measured
 STATUS_AGE = 0.025  # s: the statusword of one SYNC, and the command that acted at it
 TOGETHER = 0.2  # s, in which all drives stop when one has left operation
-POWERED = {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}
+POWERED = {
+    State.OPERATION_ENABLED,
+    State.QUICK_STOP_ACTIVE,
+    State.FAULT_REACTION_ACTIVE,
+}
 REPORT = 'report this'  # the remedy for a defect of the driver
 POWERING = {'activate', 'home'}
 FOREIGN_STATES = {ControllerState.UNCONFIGURED, ControllerState.BUS_LOST}
@@ -33,12 +37,16 @@ FOREIGN_STATES = {ControllerState.UNCONFIGURED, ControllerState.BUS_LOST}
 
 def differences(positions: Sequence[Sequence[float]], period: float) -> list[float]:
     """Return the largest first, second and third differences of positions a period apart."""
-    return [float(abs(np.diff(positions, power, axis=0)).max(initial=0.0)) / period ** power
-            for power in (1, 2, 3)]
+    return [
+        float(abs(np.diff(positions, power, axis=0)).max(initial=0.0)) / period**power
+        for power in (1, 2, 3)
+    ]
 
 
 def require_limits(
-    positions: Sequence[Sequence[float]], limits: MotionLimits, period: float,
+    positions: Sequence[Sequence[float]],
+    limits: MotionLimits,
+    period: float,
     tolerance: float = 0.001,
 ) -> None:
     """Require limits, with a relative tolerance, of positions a period [s] apart."""
@@ -57,7 +65,9 @@ class CycleChecks:
         self._rig = rig
         self._numbers = {  # of the axes whose commands come in the default PDO
             pdo.RPDO1.cob_id(one.axis.node_id): number
-            for number, one in enumerate(rig.controller.monitors) if pdo.RPDO1 in one.profile.pdos}
+            for number, one in enumerate(rig.controller.monitors)
+            if pdo.RPDO1 in one.profile.pdos
+        }
         self._read = 0
         self._is_enabled = [False] * 3
         self._targets: dict[int, float] = {}
@@ -68,21 +78,31 @@ class CycleChecks:
     def look(self, snapshot: ControllerSnapshot) -> None:
         """Check the events since the previous look; raise an AssertionError."""
         frames = self._rig.heard
-        for frame in frames[self._read:]:
+        for frame in frames[self._read :]:
             if frame.cob_id in self._numbers:
-                self._check_command(self._numbers[frame.cob_id], *decode_rpdo1(frame.data))
+                self._check_command(
+                    self._numbers[frame.cob_id], *decode_rpdo1(frame.data)
+                )
         self._read = len(frames)
         self._check_power(snapshot)
-        assert not any(cause.remedy == REPORT for cause in snapshot.causes), snapshot.causes
+        assert not any(cause.remedy == REPORT for cause in snapshot.causes), (
+            snapshot.causes
+        )
         if snapshot.state is ControllerState.ACTIVE:
             q1, q2, q3 = (axis.position for axis in snapshot.axes)
-            assert min(q3 - q1, q2 - q3) > LEAST_GAP, f'carriages measured at {q1, q2, q3}'
+            assert min(q3 - q1, q2 - q3) > LEAST_GAP, (
+                f'carriages measured at {q1, q2, q3}'
+            )
 
-    def _check_command(self, number: int, controlword: int, mode: int, counts: int) -> None:
+    def _check_command(
+        self, number: int, controlword: int, mode: int, counts: int
+    ) -> None:
         is_enabled = controlword & 0x0F == Controlword.ENABLE_OPERATION
         if is_enabled and not self._is_enabled[number]:
             asked = {name for name, job in self._rig.jobs if not job.done()}
-            assert asked & POWERING, f'{AXIS_NAMES[number]} is enabled without a request'
+            assert asked & POWERING, (
+                f'{AXIS_NAMES[number]} is enabled without a request'
+            )
         self._is_enabled[number] = is_enabled
         if not is_enabled or mode != Mode.CYCLIC_SYNCHRONOUS_POSITION:
             self._positions.clear()
@@ -96,7 +116,9 @@ class CycleChecks:
 
     def _check_motion(self) -> None:
         self.commands += 1
-        if not self._rig.controller.unhomed:  # else no encoder counts from the carriage's place
+        if (
+            not self._rig.controller.unhomed
+        ):  # else no encoder counts from the carriage's place
             self.check_targets(self._positions[-1])
         if self.is_late:
             self._positions.clear()
@@ -104,10 +126,16 @@ class CycleChecks:
         bounds = self.limits.speed, self.limits.acceleration, self.limits.jerk
         period = self._rig.settings.period
         for power, value, bound, counts in zip(
-                (1, 2, 3), differences(self._positions, period), bounds, ROUNDING, strict=True):
-            tolerance = counts * COUNT / period ** power
+            (1, 2, 3),
+            differences(self._positions, period),
+            bounds,
+            ROUNDING,
+            strict=True,
+        ):
+            tolerance = counts * COUNT / period**power
             assert value <= 1.001 * bound + tolerance, (
-                f'{power}. difference of the targets {value:.4g}, bound {bound:.4g}')
+                f'{power}. difference of the targets {value:.4g}, bound {bound:.4g}'
+            )
 
     def _check_power(self, snapshot: ControllerSnapshot) -> None:
         now = self._rig.clock.now
@@ -118,9 +146,17 @@ class CycleChecks:
             since = self._confirmed_since.setdefault(axis.name, now) if is_lie else now
             if not is_lie:
                 self._confirmed_since.pop(axis.name, None)
-            assert now - since <= STATUS_AGE, f'{axis.name} has power, though it is confirmed off'
-        enabled = [drive.axis.state is State.OPERATION_ENABLED for drive in self._rig.drives]
+            assert now - since <= STATUS_AGE, (
+                f'{axis.name} has power, though it is confirmed off'
+            )
+        enabled = [
+            drive.axis.state is State.OPERATION_ENABLED for drive in self._rig.drives
+        ]
         is_apart = snapshot.state is ControllerState.ACTIVE and not all(enabled)
         self._apart_since = (self._apart_since or now) if is_apart else None
-        assert not is_apart or now - self._apart_since <= TOGETHER, f'enabled: {enabled}'
-        assert not (snapshot.state is ControllerState.INACTIVE and any(enabled)), 'inactive'
+        assert not is_apart or now - self._apart_since <= TOGETHER, (
+            f'enabled: {enabled}'
+        )
+        assert not (snapshot.state is ControllerState.INACTIVE and any(enabled)), (
+            'inactive'
+        )

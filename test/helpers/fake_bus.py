@@ -27,7 +27,9 @@ Frames = list[tuple[int, bytes]]  # COB-IDs and data
 class BusWorld:
     """Drives and other nodes on a bus of one master; a subclass is the master's program."""
 
-    def __init__(self, drives: Sequence[SimulatedDrive], has_kernel_sync: bool = False) -> None:
+    def __init__(
+        self, drives: Sequence[SimulatedDrive], has_kernel_sync: bool = False
+    ) -> None:
         self.has_kernel_sync = has_kernel_sync
         self.clock = FakeClock(self)
         self.drives = drives
@@ -92,8 +94,13 @@ class BusWorld:
     def deadline(self) -> float:
         """Return the time of the next event, action of a drive or SYNC of the kernel [s]."""
         sync = self.bus.next_sync if self.bus is not None else math.inf
-        return min([sync, *(time for time, _ in self._events),
-                    *(drive.deadline for drive in self.drives)])
+        return min(
+            [
+                sync,
+                *(time for time, _ in self._events),
+                *(drive.deadline for drive in self.drives),
+            ]
+        )
 
     def advance(self) -> None:
         """Execute events, actions of drives and the kernel's SYNC until now."""
@@ -132,7 +139,9 @@ class FakeBus(CanBus):
         self.statistics.received += 1
         return self.inbox.popleft()
 
-    def send(self, cob_id: int, data: bytes = b'', sampled: float | None = None) -> None:
+    def send(
+        self, cob_id: int, data: bytes = b'', sampled: float | None = None
+    ) -> None:
         self._require_up()
         self.statistics.sent += 1
         self._world.carry(cob_id, bytes(data))
@@ -193,8 +202,11 @@ class Worker(Executor):
 
     def submit(self, function, /, *arguments) -> Future:
         earlier = self._last
-        job = Job(self._clock, lambda: function(*arguments),
-                  lambda: earlier is None or earlier.done())
+        job = Job(
+            self._clock,
+            lambda: function(*arguments),
+            lambda: earlier is None or earlier.done(),
+        )
         self._clock.jobs.append(job)
         self._last = job.future
         return job.future
@@ -208,7 +220,10 @@ class FakeClock(Clock):
     """Simulated clock, which advances while the controller waits."""
 
     def __init__(self, world: BusWorld) -> None:
-        self.now, self.offset = 100.0, 1.7e9  #: monotonic, and what the system clock is ahead [s]
+        self.now, self.offset = (
+            100.0,
+            1.7e9,
+        )  #: monotonic, and what the system clock is ahead [s]
         self.limit = math.inf  #: until when an idle controller waits [s]
         self.jobs: list[Job] = []
         self.present: Job | None = None
@@ -224,7 +239,8 @@ class FakeClock(Clock):
     def wait(self, event: Event, timeout: float) -> bool:
         is_main = self.present is None
         return self.wait_for(
-            event.is_set, min(timeout, self.limit - self.now) if is_main else timeout)
+            event.is_set, min(timeout, self.limit - self.now) if is_main else timeout
+        )
 
     def workers(self, number: int, name: str) -> Worker:
         return Worker(self)

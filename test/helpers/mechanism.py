@@ -37,7 +37,9 @@ _fractions = st.floats(0.001, 0.999)
 _signed_fractions = st.floats(-0.999, 0.999)
 
 
-def certify(geometry, pose: Pose, min_conditioning: float = MIN_CONDITIONING) -> Carriages:
+def certify(
+    geometry, pose: Pose, min_conditioning: float = MIN_CONDITIONING
+) -> Carriages:
     """Return the certified carriages of a pose on a geometry [m]."""
     return Mechanism(geometry).certify(pose, min_conditioning)
 
@@ -56,7 +58,8 @@ def published_motion(rail: Pose, mounting: Pose, axes: float = 0.0) -> Pose:
     place = compose(rail, mounting)
     seen = compose(Pose(0.0, 0.0, -axes), place)._replace(theta=place.theta)
     return EstimateGate(
-        EstimateSettings(mounting=tuple(mounting), axes=axes)).displacement(seen)
+        EstimateSettings(mounting=tuple(mounting), axes=axes)
+    ).displacement(seen)
 
 
 def theta_max(geometry: Geometry, y: float) -> float:
@@ -81,6 +84,8 @@ def regular_poses(draw) -> tuple[Geometry, Pose]:
     geometry = draw(st.sampled_from(VARIANTS))
     lower, upper = y_range(geometry)
     y = lower + draw(_fractions) * (upper - lower)
-    pose = Pose(draw(st.floats(-0.5, 0.5)), y, draw(_signed_fractions) * theta_max(geometry, y))
+    pose = Pose(
+        draw(st.floats(-0.5, 0.5)), y, draw(_signed_fractions) * theta_max(geometry, y)
+    )
     assume(local_conditioning_index(geometry, pose) > 0.01)
     return geometry, pose

@@ -37,7 +37,9 @@ def free_domain() -> Iterator[int]:
         _left.pop().close()
     for number in itertools.islice(_next_domain, len(DOMAINS)):
         domain = DOMAINS[number % len(DOMAINS)]
-        lock = open(Path(tempfile.gettempdir()) / f'ros_domain_{domain}_{os.getuid()}.lock', 'w')
+        lock = open(
+            Path(tempfile.gettempdir()) / f'ros_domain_{domain}_{os.getuid()}.lock', 'w'
+        )
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             break
@@ -61,13 +63,18 @@ class Processes:
     def start(self, module: str, *args: str, **popen) -> subprocess.Popen:
         """Start ``python -m MODULE ARGS…``; its `log` is the path of its output."""
         environment = {**os.environ, 'PYTHONUNBUFFERED': '1', **popen.pop('env', {})}
-        environment['PYTHONPATH'] = os.pathsep.join(filter(None, (
-            *map(str, PLACES), environment.get('PYTHONPATH'))))
+        environment['PYTHONPATH'] = os.pathsep.join(
+            filter(None, (*map(str, PLACES), environment.get('PYTHONPATH')))
+        )
         log = self._folder / f'{module}_{len(self._started)}.log'
         with open(log, 'w') as output:
             process = subprocess.Popen(
-                [sys.executable, '-m', module, *args], env=environment, cwd=self._folder,
-                start_new_session=True, **{'stdout': output, 'stderr': output} | popen)
+                [sys.executable, '-m', module, *args],
+                env=environment,
+                cwd=self._folder,
+                start_new_session=True,
+                **{'stdout': output, 'stderr': output} | popen,
+            )
         process.log = log
         self._started.append(process)
         return process
@@ -76,8 +83,13 @@ class Processes:
         """End all processes, commanding processes first, and print their output."""
         for process in reversed(self._started):
             end_process(process)
-        print(*(f'--- {process.args}\n{process.log.read_text()}' for process in self._started),
-              sep='\n')
+        print(
+            *(
+                f'--- {process.args}\n{process.log.read_text()}'
+                for process in self._started
+            ),
+            sep='\n',
+        )
 
 
 def end_process(process: subprocess.Popen) -> int:

@@ -26,15 +26,27 @@ from facade_manipulator.simulation.world.world import World
 
 START = 1000.0  # s, so that no code takes 0 for the beginning of time
 PERIOD = 0.01  # s, of the bus
-FREE_STEP = 2.5e-3  # s, of a world in which nothing touches the wall: bristles need 0.5 ms
+FREE_STEP = (
+    2.5e-3  # s, of a world in which nothing touches the wall: bristles need 0.5 ms
+)
 SETUP = EstimatorSetup(
-    distances={name: DistanceSettings(mounting=(place, 0.0, 0.0))
-               for name, place in (('range_1', -0.5), ('range_2', 0.5))},
-    fixes={'fix_x': FixSettings(mounting=(0.1, 0.0, 0.0), noise=3e-4, place_noise=2e-4,
-                                feature=0.1)},
-    wall=ProfileSettings(distance=0.45))
-GUSTS = Scenario(gondola=Gondola(guide_lever=0.0), wind=Wind(mean_speed=5.0), raw_sensors=True)
-Spoil = Callable[[float, Measurement], Iterable[Measurement]]  #: of the time since `START` [s]
+    distances={
+        name: DistanceSettings(mounting=(place, 0.0, 0.0))
+        for name, place in (('range_1', -0.5), ('range_2', 0.5))
+    },
+    fixes={
+        'fix_x': FixSettings(
+            mounting=(0.1, 0.0, 0.0), noise=3e-4, place_noise=2e-4, feature=0.1
+        )
+    },
+    wall=ProfileSettings(distance=0.45),
+)
+GUSTS = Scenario(
+    gondola=Gondola(guide_lever=0.0), wind=Wind(mean_speed=5.0), raw_sensors=True
+)
+Spoil = Callable[
+    [float, Measurement], Iterable[Measurement]
+]  #: of the time since `START` [s]
 
 
 @dataclass
@@ -47,7 +59,9 @@ class Cycle:
 
 
 @cache
-def record(duration: float, seed: int = 1, motion: Motion = GUSTS.motion) -> list[Cycle]:
+def record(
+    duration: float, seed: int = 1, motion: Motion = GUSTS.motion
+) -> list[Cycle]:
     """Return the cycles of a gondola in gusts, or with a prescribed motion."""
     world = World(replace(GUSTS, seed=seed, motion=motion), Geometry(), START)
     world.model.opt.timestep = FREE_STEP
@@ -63,7 +77,9 @@ class Run:
     """Run of an estimator with the measurements of a record, spoilt or not."""
 
     def __init__(
-        self, cycles: list[Cycle], spoil: Spoil = lambda _, measurement: [measurement],
+        self,
+        cycles: list[Cycle],
+        spoil: Spoil = lambda _, measurement: [measurement],
         setup: EstimatorSetup = SETUP,
     ) -> None:
         self.estimator = DisturbanceEstimator(setup)
@@ -83,7 +99,9 @@ class Run:
         """Return the events as texts."""
         return [event.text for event in self.estimator.events]
 
-    def errors(self, since: float, until: float = math.inf) -> tuple[np.ndarray, np.ndarray]:
+    def errors(
+        self, since: float, until: float = math.inf
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return errors and deviations of a span [mm, mm, degrees]."""
         stamps = np.array([motion.stamp for motion in self.motions])
         times = np.array([cycle.now for cycle in self._cycles])
@@ -97,7 +115,10 @@ class Run:
 
 
 def feed(
-    estimator: DisturbanceEstimator, now: float, measurement: Measurement, rejections: list[str]
+    estimator: DisturbanceEstimator,
+    now: float,
+    measurement: Measurement,
+    rejections: list[str],
 ) -> None:
     """Add a measurement as the node does, and store the reason of a rejection."""
     sensor, stamp, values = measurement

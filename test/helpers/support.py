@@ -19,8 +19,11 @@ class HangingTestError(BaseException):
 @contextmanager
 def limited(name: str, seconds: float) -> Iterator[None]:
     """Raise an error after a time [s], wherever the main thread waits then."""
+
     def end(*_: object) -> None:
-        raise HangingTestError(f'{name} takes over {seconds:g} s; it waits in the last line')
+        raise HangingTestError(
+            f'{name} takes over {seconds:g} s; it waits in the last line'
+        )
 
     before = signal.signal(signal.SIGALRM, end)
     signal.setitimer(signal.ITIMER_REAL, seconds)
@@ -32,7 +35,9 @@ def limited(name: str, seconds: float) -> Iterator[None]:
 
 
 def wait_until(
-    condition: Callable[[], object], what: str, deadline: float = DEADLINE,
+    condition: Callable[[], object],
+    what: str,
+    deadline: float = DEADLINE,
     step: Callable[[], None] = lambda: time.sleep(0.005),
 ) -> object:
     """Return the condition's first true value; fail with the awaited event at the deadline."""
@@ -45,8 +50,10 @@ def wait_until(
 
 
 def patiently(
-    action: Callable[[], object], mend: Callable[[], object] = bool,
-    errors: tuple[type[BaseException], ...] = (Exception, pytest.fail.Exception), tries: int = 3,
+    action: Callable[[], object],
+    mend: Callable[[], object] = bool,
+    errors: tuple[type[BaseException], ...] = (Exception, pytest.fail.Exception),
+    tries: int = 3,
 ) -> object:
     """
     Return the result of an action; retry if the machine was too slow.

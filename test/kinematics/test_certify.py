@@ -28,14 +28,20 @@ HAIR = 1e-9
 SHORT = Geometry(0.25, 0.45, carriage_gap=0.0)
 
 
-@given(st.floats(-0.6, 0.6), st.floats(-0.36, 0.36), st.floats(-math.pi, math.pi),
-       st.sampled_from([DESIGN, SHORT]))
+@given(
+    st.floats(-0.6, 0.6),
+    st.floats(-0.36, 0.36),
+    st.floats(-math.pi, math.pi),
+    st.sampled_from([DESIGN, SHORT]),
+)
 def test_certified_pose_respects_every_limit(x, y, theta, geometry):
     pose = Pose(x, y, theta)
     try:
         q1, q2, q3 = certify(geometry, pose)
     except LimitError as error:
-        assert error.quantity and math.isfinite(error.value) and math.isfinite(error.bound)
+        assert (
+            error.quantity and math.isfinite(error.value) and math.isfinite(error.bound)
+        )
         return
     assert geometry.stroke[0] <= q1 and q2 <= geometry.stroke[1]
     assert min(q3 - q1, q2 - q3) >= geometry.carriage_gap
@@ -49,13 +55,19 @@ def rejected(kind, pose, geometry=DESIGN, **settings):
     return error.value
 
 
-@given(st.floats(-0.5, 0.5), st.floats(-0.75, 0.0), st.floats(0.0, 0.75),
-       st.sampled_from([DESIGN, NO_GAP, SHORT]))
+@given(
+    st.floats(-0.5, 0.5),
+    st.floats(-0.75, 0.0),
+    st.floats(0.0, 0.75),
+    st.sampled_from([DESIGN, NO_GAP, SHORT]),
+)
 @example(0.0, -0.18, 0.423, SHORT)  # N is barely positive here.
 @example(0.0, -0.419, 0.18, SHORT)
 def test_carriages_of_certified_poses_pass_the_check(q3, left, right, geometry):
     carriages = Carriages(q3 + left, q3 + right, q3)
-    assume(min(abs(distance - geometry.carriage_gap) for distance in (-left, right)) > HAIR)
+    assume(
+        min(abs(distance - geometry.carriage_gap) for distance in (-left, right)) > HAIR
+    )
 
     def by_the_pose():
         certify(geometry, forward_kinematics(geometry, carriages), 0.0)
@@ -63,21 +75,42 @@ def test_carriages_of_certified_poses_pass_the_check(q3, left, right, geometry):
     assert passes(Mechanism(geometry).check, carriages) == passes(by_the_pose)
 
 
-Y_GAP, Y_ORDER = (math.sqrt(0.352 ** 2 - (0.348 - gap) ** 2) for gap in (0.02, 0.0))
+Y_GAP, Y_ORDER = (math.sqrt(0.352**2 - (0.348 - gap) ** 2) for gap in (0.02, 0.0))
 ROOM = 0.5 - abs(inverse_kinematics(DESIGN, Pose(0.0, 0.25, 0.0)).q1)
 
 
-@pytest.mark.parametrize(('geometry', 'border', 'outwards', 'kind', 'quantity', 'bound'), [
-    (DESIGN, Pose(0.0, 0.352, 0.0), (0.0, 1.0), UnreachableError, '|y| + b |sin theta|', 0.352),
-    (DESIGN, Pose(-ROOM, 0.25, 0.0), (-1.0, 0.0), StrokeLimitError, 'q1', -0.5),
-    (DESIGN, Pose(ROOM, 0.25, 0.0), (1.0, 0.0), StrokeLimitError, 'q2', 0.5),
-    (DESIGN, Pose(0.0, Y_GAP, 0.0), (0.0, -1.0), CarriageGapError, 'q3 - q1', 0.02),
-    (NO_GAP, Pose(0.0, Y_ORDER, 0.0), (0.0, -1.0), CarriageGapError, 'q3 - q1', 0.0)],
-    ids=['reach', 'left', 'right', 'gap', 'order'])
+@pytest.mark.parametrize(
+    ('geometry', 'border', 'outwards', 'kind', 'quantity', 'bound'),
+    [
+        (
+            DESIGN,
+            Pose(0.0, 0.352, 0.0),
+            (0.0, 1.0),
+            UnreachableError,
+            '|y| + b |sin theta|',
+            0.352,
+        ),
+        (DESIGN, Pose(-ROOM, 0.25, 0.0), (-1.0, 0.0), StrokeLimitError, 'q1', -0.5),
+        (DESIGN, Pose(ROOM, 0.25, 0.0), (1.0, 0.0), StrokeLimitError, 'q2', 0.5),
+        (DESIGN, Pose(0.0, Y_GAP, 0.0), (0.0, -1.0), CarriageGapError, 'q3 - q1', 0.02),
+        (
+            NO_GAP,
+            Pose(0.0, Y_ORDER, 0.0),
+            (0.0, -1.0),
+            CarriageGapError,
+            'q3 - q1',
+            0.0,
+        ),
+    ],
+    ids=['reach', 'left', 'right', 'gap', 'order'],
+)
 def test_each_limit_is_certified_up_to_its_bound(
-        geometry, border, outwards, kind, quantity, bound):
-    inside, outside = (Pose(border.x + hair * outwards[0], border.y + hair * outwards[1], 0.0)
-                       for hair in (-HAIR, HAIR))
+    geometry, border, outwards, kind, quantity, bound
+):
+    inside, outside = (
+        Pose(border.x + hair * outwards[0], border.y + hair * outwards[1], 0.0)
+        for hair in (-HAIR, HAIR)
+    )
     certify(geometry, inside, min_conditioning=0.0)
     error = rejected(kind, outside, geometry, min_conditioning=0.0)
     assert (error.quantity, error.bound, error.unit) == (quantity, bound, 'm')
@@ -89,13 +122,21 @@ def test_violated_stroke_is_reported_before_the_gap():
     assert rejected(StrokeLimitError, Pose(0.6, Y_GAP - 0.01, 0.0)).quantity == 'q2'
 
 
-@pytest.mark.parametrize(('geometry', 'pose', 'quantity', 'unit'), [
-    (DESIGN, Pose(0.0, -0.25, 0.0), 'y', 'm'),
-    (Geometry(0.15, 0.55, carriage_gap=0.0), Pose(0.0, 0.02, 0.1), 'N', 'm2')],
-    ids=['behind_the_rail', 'beyond_the_singularity'])
+@pytest.mark.parametrize(
+    ('geometry', 'pose', 'quantity', 'unit'),
+    [
+        (DESIGN, Pose(0.0, -0.25, 0.0), 'y', 'm'),
+        (Geometry(0.15, 0.55, carriage_gap=0.0), Pose(0.0, 0.02, 0.1), 'N', 'm2'),
+    ],
+    ids=['behind_the_rail', 'beyond_the_singularity'],
+)
 def test_pose_on_another_assembly_branch_is_rejected(geometry, pose, quantity, unit):
     error = rejected(SingularityError, pose, geometry)
-    assert (error.quantity, error.bound, error.unit) == (quantity, 0.0, unit) and error.value < 0.0
+    assert (error.quantity, error.bound, error.unit) == (
+        quantity,
+        0.0,
+        unit,
+    ) and error.value < 0.0
     assert parallel_singularity(geometry, Pose(0.0, 0.10, 0.05)) > 0.0
 
 
@@ -110,11 +151,20 @@ def test_weak_conditioning_is_rejected_with_index_and_bound():
 
 @pytest.mark.parametrize('scale', [0.1, 1.0, 3.0])
 def test_scaled_mechanism_has_the_conditioning_of_the_design(scale):
-    geometry = Geometry(*(scale * length for length in (0.352, 0.348)),
-                        tuple(scale * end for end in (-0.5, 0.5)), 0.02 * scale)
+    geometry = Geometry(
+        *(scale * length for length in (0.352, 0.348)),
+        tuple(scale * end for end in (-0.5, 0.5)),
+        0.02 * scale,
+    )
     for y, theta in ((0.13, 0.0), (0.25, 0.1), (0.3519, 0.0)):
         # No index is above 1, so the rejection shows the index.
         design, scaled = (
-            rejected(SingularityError, Pose(0.0, size * y, theta), machine, min_conditioning=2.0)
-            for size, machine in ((1.0, DESIGN), (scale, geometry)))
+            rejected(
+                SingularityError,
+                Pose(0.0, size * y, theta),
+                machine,
+                min_conditioning=2.0,
+            )
+            for size, machine in ((1.0, DESIGN), (scale, geometry))
+        )
         assert scaled.value == pytest.approx(design.value, rel=1e-9)

@@ -8,13 +8,26 @@ from hypothesis import assume, given
 from mechanism import DESIGN, passes, workspace_poses
 import pytest
 
-from facade_manipulator.kinematics import Geometry, Mechanism, Pose, positions, tree, urdf
+from facade_manipulator.kinematics import (
+    Geometry,
+    Mechanism,
+    Pose,
+    positions,
+    tree,
+    urdf,
+)
 from facade_manipulator.kinematics.planar import compose
 
-urdf_reader = pytest.importorskip('pytransform3d.urdf', reason='pytransform3d is not installed')
+urdf_reader = pytest.importorskip(
+    'pytransform3d.urdf', reason='pytransform3d is not installed'
+)
 MADE = Geometry(  # measured instead of drawn values
-    link_errors=(1e-3, -7e-4), platform_errors=(4e-4, -9e-4), carriage_offsets=(2e-3, -1e-3, 5e-4),
-    rail_angle=0.01, tool=(0.01, 0.02, 0.05))
+    link_errors=(1e-3, -7e-4),
+    platform_errors=(4e-4, -9e-4),
+    carriage_offsets=(2e-3, -1e-3, 5e-4),
+    rail_angle=0.01,
+    tool=(0.01, 0.02, 0.05),
+)
 WITHIN = 1e-9  # m or rad, accuracy of an iterative solution
 
 
@@ -32,8 +45,10 @@ def read(geometry: Geometry, head: Pose):
     assume(passes(Mechanism(geometry).certify, head))
     manager = loaded(geometry)
     for joint, position in zip(
-            (one for one in tree(geometry) if one.name),
-            positions(Mechanism(geometry), head), strict=True):
+        (one for one in tree(geometry) if one.name),
+        positions(Mechanism(geometry), head),
+        strict=True,
+    ):
         manager.set_joint(joint.name, position)
     return manager
 
@@ -48,12 +63,15 @@ def test_urdf_has_a_head_and_closed_loops(geometry, head):
     manager = read(geometry, head)
     found, platform, *links = (
         pose_of(manager.get_transform(f'gondola_1/{name}', 'gondola_1/rail'))
-        for name in ('end_effector', 'platform', 'link_1', 'link_2'))
+        for name in ('end_effector', 'platform', 'link_1', 'link_2')
+    )
     assert found == pytest.approx(head, abs=WITHIN)
     for link, length, side, half in zip(
-            links, geometry.link_lengths, (-1.0, 1.0), geometry.half_lengths, strict=True):
+        links, geometry.link_lengths, (-1.0, 1.0), geometry.half_lengths, strict=True
+    ):
         assert compose(link, Pose(length, 0.0, 0.0))[:2] == pytest.approx(
-            compose(platform, Pose(side * half, 0.0, 0.0))[:2], abs=WITHIN)
+            compose(platform, Pose(side * half, 0.0, 0.0))[:2], abs=WITHIN
+        )
 
 
 @pytest.mark.parametrize('geometry', [DESIGN, MADE], ids=['drawn', 'made'])
@@ -62,13 +80,17 @@ def test_stroke_limits_and_boxes_have_the_lengths_of_parts(geometry):
     for name, offset in zip(('q1', 'q2', 'q3'), geometry.carriage_offsets, strict=True):
         bounds = root.find(f"joint[@name='{name}']/limit")
         assert [float(bounds.get(end)) for end in ('lower', 'upper')] == [
-            end + offset for end in geometry.stroke]
+            end + offset for end in geometry.stroke
+        ]
     half_1, half_2 = geometry.half_lengths
     # length of a carriage, which is the minimum distance of neighbours
     half = 0.5 * geometry.carriage_gap
-    ends = {'rail': geometry.stroke, 'platform': (-half_1, half_2),
-            **{f'link_{n}': (0.0, geometry.link_lengths[n - 1]) for n in (1, 2)},
-            **{f'carriage_{n}': (-half, half) for n in (1, 2, 3)}}
+    ends = {
+        'rail': geometry.stroke,
+        'platform': (-half_1, half_2),
+        **{f'link_{n}': (0.0, geometry.link_lengths[n - 1]) for n in (1, 2)},
+        **{f'carriage_{n}': (-half, half) for n in (1, 2, 3)},
+    }
     links = {link.get('name'): link for link in root.iter('link')}
     assert links.keys() == {*ends, 'slider', 'end_effector'}
     for name, expected in ends.items():

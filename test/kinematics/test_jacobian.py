@@ -25,12 +25,20 @@ def paper_matrices(geometry, pose):
     q1, q2, q3 = inverse_kinematics(geometry, pose)
     y = pose.y
     p, r = q1 - q3, q2 - q3
-    a = np.array([[2 * b * c + 2 * p, 0.0, -2 * b * c - 2 * p],
-                  [0.0, 2 * b * c - 2 * r, -2 * b * c + 2 * r],
-                  [0.0, 0.0, 1.0]])
-    return a, np.array([[0.0, 2 * b * s - 2 * y, 2 * b * s * p + 2 * b * y * c],
-                        [0.0, 2 * b * s + 2 * y, 2 * b * s * r + 2 * b * y * c],
-                        [1.0, 0.0, 0.0]])
+    a = np.array(
+        [
+            [2 * b * c + 2 * p, 0.0, -2 * b * c - 2 * p],
+            [0.0, 2 * b * c - 2 * r, -2 * b * c + 2 * r],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+    return a, np.array(
+        [
+            [0.0, 2 * b * s - 2 * y, 2 * b * s * p + 2 * b * y * c],
+            [0.0, 2 * b * s + 2 * y, 2 * b * s * r + 2 * b * y * c],
+            [1.0, 0.0, 0.0],
+        ]
+    )
 
 
 @given(regular_poses())
@@ -64,12 +72,16 @@ def test_jacobian_beyond_reach_is_rejected():
 def test_conditioning_index_equals_that_of_the_matrix(drawn, length, shift):
     geometry, pose = drawn
     matrix = jacobian(geometry, pose) / [1.0, 1.0, length]
-    norms = [math.sqrt(np.trace(m.T @ m) / 3.0) for m in (matrix, np.linalg.inv(matrix))]
+    norms = [
+        math.sqrt(np.trace(m.T @ m) / 3.0) for m in (matrix, np.linalg.inv(matrix))
+    ]
     index = local_conditioning_index(geometry, pose, length)
     assert index == pytest.approx(1.0 / math.prod(norms), rel=1e-7)
     moved, mirrored = pose._replace(x=pose.x + shift), pose._replace(theta=-pose.theta)
     assert local_conditioning_index(geometry, moved, length) == index
-    assert local_conditioning_index(geometry, mirrored, length) == pytest.approx(index, rel=1e-12)
+    assert local_conditioning_index(geometry, mirrored, length) == pytest.approx(
+        index, rel=1e-12
+    )
 
 
 def test_conditioning_index_of_the_folded_platform_is_zero():

@@ -2,7 +2,15 @@ import math
 
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
-from mechanism import certify, DESIGN, HOME, NO_GAP, passes, regular_poses, workspace_poses
+from mechanism import (
+    certify,
+    DESIGN,
+    HOME,
+    NO_GAP,
+    passes,
+    regular_poses,
+    workspace_poses,
+)
 import pytest
 
 from facade_manipulator.errors import LimitError, SingularityError, UnreachableError
@@ -20,10 +28,18 @@ from facade_manipulator.kinematics import (
 
 def link_errors(geometry, pose, carriages):
     """Return the length errors of both links and the distance of q3 from x [m]."""
-    rise, span = (geometry.platform_half_length * f(pose.theta) for f in (math.sin, math.cos))
+    rise, span = (
+        geometry.platform_half_length * f(pose.theta) for f in (math.sin, math.cos)
+    )
     return max(
-        abs(math.hypot(carriages.q1 - pose.x + span, pose.y - rise) - geometry.link_length),
-        abs(math.hypot(carriages.q2 - pose.x - span, pose.y + rise) - geometry.link_length),
+        abs(
+            math.hypot(carriages.q1 - pose.x + span, pose.y - rise)
+            - geometry.link_length
+        ),
+        abs(
+            math.hypot(carriages.q2 - pose.x - span, pose.y + rise)
+            - geometry.link_length
+        ),
         abs(carriages.q3 - pose.x),
     )
 
@@ -35,7 +51,9 @@ def test_forward_undoes_inverse_kinematics_for_other_geometries(drawn):
     assert found == pytest.approx(pose, rel=0.0, abs=1e-12)  # 1e-9 mm
 
 
-@pytest.mark.parametrize('theta', [0.0, -0.0, 1e-300, 1e-16, 1e-12, -1e-9, 1e-9, 1e-7, -1e-5])
+@pytest.mark.parametrize(
+    'theta', [0.0, -0.0, 1e-300, 1e-16, 1e-12, -1e-9, 1e-9, 1e-7, -1e-5]
+)
 @pytest.mark.parametrize('y', [0.053, 0.13, 0.25, 0.3519])
 def test_forward_kinematics_near_zero_angle_keeps_all_digits(y, theta):
     pose = Pose(0.1, y, theta)
@@ -43,12 +61,16 @@ def test_forward_kinematics_near_zero_angle_keeps_all_digits(y, theta):
     assert found == pytest.approx(pose, rel=0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(('geometry', 'carriages', 'words'), [
-    (NO_GAP, (0.05, -0.05, 0.0), 'q2 - q1 = -0.1 m is not above'),
-    (DESIGN, (-1.0, 1.0, 0.0), 'y squared = -0.3012 m2 is not above'),
-    (DESIGN, (-1.0, 1.0, 0.1), 'closure residual'),
-    (Geometry(0.30, 0.40), (-0.1, 0.1, 0.0), 'y squared')],
-    ids=['passed', 'too_far', 'too_far_aside', 'on_the_rail'])
+@pytest.mark.parametrize(
+    ('geometry', 'carriages', 'words'),
+    [
+        (NO_GAP, (0.05, -0.05, 0.0), 'q2 - q1 = -0.1 m is not above'),
+        (DESIGN, (-1.0, 1.0, 0.0), 'y squared = -0.3012 m2 is not above'),
+        (DESIGN, (-1.0, 1.0, 0.1), 'closure residual'),
+        (Geometry(0.30, 0.40), (-0.1, 0.1, 0.0), 'y squared'),
+    ],
+    ids=['passed', 'too_far', 'too_far_aside', 'on_the_rail'],
+)
 def test_carriages_without_a_pose_are_rejected(geometry, carriages, words):
     with pytest.raises(UnreachableError, match=words):
         forward_kinematics(geometry, Carriages(*carriages))
@@ -64,7 +86,9 @@ def test_carriages_of_another_working_mode_are_rejected(theta, side, name):
     with pytest.raises(UnreachableError, match='another working mode') as error:
         forward_kinematics(DESIGN, at._replace(**{side: mirrored}))
     assert error.value.quantity == f'{name} + b cos(theta)'
-    assert (error.value.value, error.value.bound) == pytest.approx((-abs(mirrored - joint), 0.0))
+    assert (error.value.value, error.value.bound) == pytest.approx(
+        (-abs(mirrored - joint), 0.0)
+    )
 
 
 def test_forward_pose_at_a_double_root_closes_the_links():
@@ -78,11 +102,14 @@ def test_forward_pose_at_a_double_root_closes_the_links():
         assert link_errors(geometry, pose, carriages) < 1e-12
 
 
-@pytest.mark.parametrize(('pose', 'reach'), [
-    (Pose(0.0, 0.352, 0.0), 0.352),
-    (Pose(0.0, -0.36, 0.0), 0.36),
-    (Pose(0.0, 0.3, 0.2), 0.3 + 0.348 * math.sin(0.2)),
-])
+@pytest.mark.parametrize(
+    ('pose', 'reach'),
+    [
+        (Pose(0.0, 0.352, 0.0), 0.352),
+        (Pose(0.0, -0.36, 0.0), 0.36),
+        (Pose(0.0, 0.3, 0.2), 0.3 + 0.348 * math.sin(0.2)),
+    ],
+)
 def test_pose_beyond_the_links_is_unreachable(pose, reach):
     with pytest.raises(UnreachableError) as error:
         inverse_kinematics(DESIGN, pose)
@@ -110,7 +137,9 @@ def test_joint_points_keep_link_lengths_and_head(pose):
     at = joints(DESIGN, pose)
     for carriage, end in ((at.a1, at.b1), (at.a2, at.b2)):
         assert math.dist(carriage, end) == pytest.approx(DESIGN.link_length)
-    assert [(b1 + b2) / 2 for b1, b2 in zip(at.b1, at.b2, strict=True)] == pytest.approx(at.p)
+    assert [
+        (b1 + b2) / 2 for b1, b2 in zip(at.b1, at.b2, strict=True)
+    ] == pytest.approx(at.p)
 
 
 @given(regular_poses())
@@ -124,7 +153,9 @@ def test_working_modes_are_the_four_intersections(drawn):
 
 
 @given(regular_poses())
-@example((Geometry(link_length=0.15, platform_half_length=0.55), Pose(0.0, 0.0375, 0.0)))
+@example(
+    (Geometry(link_length=0.15, platform_half_length=0.55), Pose(0.0, 0.0375, 0.0))
+)
 def test_assembly_modes_close_and_start_with_machine_branch(drawn):
     geometry, pose = drawn
     carriages = inverse_kinematics(geometry, pose)

@@ -39,11 +39,19 @@ def errors(size, count):
 @st.composite
 def machines(draw):
     """Draw a machine, nominal or with a few times the errors of a workshop, and a pose."""
-    machine = Mechanism(Geometry(
-        carriage_gap=0.0, stroke=(-0.6, 0.6), link_errors=draw(errors(2e-3, 2)),
-        platform_errors=draw(errors(2e-3, 2)), carriage_offsets=draw(errors(3e-3, 3)),
-        rail_angle=draw(st.floats(-0.02, 0.02)), tool=draw(errors(0.05, 3)),
-    ) if draw(st.booleans()) else DESIGN)
+    machine = Mechanism(
+        Geometry(
+            carriage_gap=0.0,
+            stroke=(-0.6, 0.6),
+            link_errors=draw(errors(2e-3, 2)),
+            platform_errors=draw(errors(2e-3, 2)),
+            carriage_offsets=draw(errors(3e-3, 3)),
+            rail_angle=draw(st.floats(-0.02, 0.02)),
+            tool=draw(errors(0.05, 3)),
+        )
+        if draw(st.booleans())
+        else DESIGN
+    )
     pose = machine.head(draw(workspace_poses(NO_GAP)))
     assume(passes(machine.certify, pose))
     return machine, pose
@@ -53,8 +61,9 @@ def machines(draw):
 def test_forward_kinematics_undoes_inverse_kinematics(drawn):
     machine, pose = drawn
     machine.check(machine.certify(pose))
-    assert machine.forward_kinematics(machine.inverse_kinematics(pose)) == pytest.approx(
-        pose, abs=1e-12)
+    assert machine.forward_kinematics(
+        machine.inverse_kinematics(pose)
+    ) == pytest.approx(pose, abs=1e-12)
 
 
 @given(machines())
@@ -64,9 +73,14 @@ def test_jacobian_is_the_derivative_of_inverse_kinematics(drawn):
     assume(abs(matrix).max() < 20.0)
     for column, unit in zip(matrix.T, np.eye(3), strict=True):
         ahead, back = (
-            np.array(machine.inverse_kinematics(Pose(*(np.array(pose) + sign * step * unit))))
-            for sign in (1.0, -1.0))
-        assert column == pytest.approx((ahead - back) / (2.0 * step), rel=3e-4, abs=3e-4)
+            np.array(
+                machine.inverse_kinematics(Pose(*(np.array(pose) + sign * step * unit)))
+            )
+            for sign in (1.0, -1.0)
+        )
+        assert column == pytest.approx(
+            (ahead - back) / (2.0 * step), rel=3e-4, abs=3e-4
+        )
 
 
 @given(machines(), forces, rates)
@@ -74,11 +88,13 @@ def test_carriage_velocity_and_force_match_the_head(drawn, wrench, velocity):
     machine, pose = drawn
     matrix = machine.jacobian(pose)
     assert machine.carriage_velocity(pose, Twist(*velocity)) == pytest.approx(
-        matrix @ velocity, abs=1e-9 * (1.0 + np.abs(matrix).max()))
+        matrix @ velocity, abs=1e-9 * (1.0 + np.abs(matrix).max())
+    )
     assume(np.linalg.cond(matrix) < 1e3)
     needed = machine.carriage_forces(pose, wrench)
     assert np.dot(needed, matrix @ velocity) == pytest.approx(
-        np.dot(wrench, velocity), abs=1e-7)
+        np.dot(wrench, velocity), abs=1e-7
+    )
     assert machine.end_effector_force(pose, needed) == pytest.approx(wrench, abs=1e-7)
 
 
@@ -99,7 +115,9 @@ def test_vanishing_errors_give_the_nominal_kinematics(pose):
     assume(local_conditioning_index(DESIGN, pose) > 0.06)
     drawing, almost = Mechanism(DESIGN), Mechanism(Geometry(tool=(1e-300, 0.0, 0.0)))
     assert almost.certify(pose) == pytest.approx(drawing.certify(pose), abs=1e-14)
-    assert almost.jacobian(pose) == pytest.approx(jacobian(DESIGN, pose), rel=1e-12, abs=1e-12)
+    assert almost.jacobian(pose) == pytest.approx(
+        jacobian(DESIGN, pose), rel=1e-12, abs=1e-12
+    )
 
 
 def made(**given):
@@ -144,16 +162,23 @@ def test_coordinate_that_is_not_finite_is_named(error, place, bad):
     machine, values = made(**error), [0.0, 0.25, 0.0]
     values[place] = bad
     for kind, function in (
-            (Pose, machine.certify), (Pose, machine.inverse_kinematics),
-            (Carriages, machine.check), (Carriages, machine.forward_kinematics),
-            (Carriages, partial(assembly_modes, DESIGN))):
-        with pytest.raises(ParameterError, match=f'{kind._fields[place]} = {bad} is not a finite'):
+        (Pose, machine.certify),
+        (Pose, machine.inverse_kinematics),
+        (Carriages, machine.check),
+        (Carriages, machine.forward_kinematics),
+        (Carriages, partial(assembly_modes, DESIGN)),
+    ):
+        with pytest.raises(
+            ParameterError, match=f'{kind._fields[place]} = {bad} is not a finite'
+        ):
             function(kind(*values))
 
 
 def test_backlash_is_compensated_in_the_direction_of_motion():
     machine, at = made(backlash=(1e-4, 2e-4, 0.0)), Carriages(-0.1, 0.1, 0.0)
-    assert machine.take_up(at, Carriages(0.3, -0.3, 0.3)) == pytest.approx((-0.09995, 0.0999, 0.0))
+    assert machine.take_up(at, Carriages(0.3, -0.3, 0.3)) == pytest.approx(
+        (-0.09995, 0.0999, 0.0)
+    )
     assert machine.take_up(at, Carriages(0.0, 0.0, 0.0)) == at
 
 

@@ -49,7 +49,8 @@ def test_wrapped_angle_is_the_same_direction(theta):
     wrapped = wrap_angle(theta)
     assert abs(wrapped) <= math.pi
     assert (math.cos(wrapped), math.sin(wrapped)) == pytest.approx(
-        (math.cos(theta), math.sin(theta)), abs=1e-12)
+        (math.cos(theta), math.sin(theta)), abs=1e-12
+    )
 
 
 @given(poses, poses)
@@ -57,4 +58,6 @@ def test_pose_difference_takes_the_shorter_turn(a, b):
     change = difference(a, b)
     assert (b.x + change.x, b.y + change.y) == pytest.approx((a.x, a.y), abs=1e-12)
     assert abs(change.theta) <= math.pi
-    assert math.cos(b.theta + change.theta) == pytest.approx(math.cos(a.theta), abs=1e-12)
+    assert math.cos(b.theta + change.theta) == pytest.approx(
+        math.cos(a.theta), abs=1e-12
+    )

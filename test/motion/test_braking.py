@@ -13,59 +13,94 @@ from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathL
 LIMITS = MotionLimits()
 SUDDEN = replace(LIMITS, jerk=1e4)  # a path that has almost no acceleration to reduce
 GAP, PERIOD = 0.02, 0.01
-ROUNDING_OF_THE_PATH = 0.0005  # m: the path to rest is jerk-limited and sampled, the bound is not
+ROUNDING_OF_THE_PATH = (
+    0.0005  # m: the path to rest is jerk-limited and sampled, the bound is not
+)
 shares = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
-@pytest.mark.parametrize(('limits', 'deceleration', 'delay', 'left'), [
-    (SUDDEN, 6.0, 0.0, GAP), (LIMITS, 6.0, 0.0, 0.0154), (SUDDEN, 1.5, 0.0, -0.0633),
-    (SUDDEN, 6.0, 0.02, GAP - 0.5 * 0.02)])  # the neighbour continues at full speed
-def test_minimum_distance_depends_on_deceleration_and_delay(limits, deceleration, delay, left):
-    assert least_distance(GAP, limits, deceleration, delay) == pytest.approx(left, abs=3e-4)
+@pytest.mark.parametrize(
+    ('limits', 'deceleration', 'delay', 'left'),
+    [
+        (SUDDEN, 6.0, 0.0, GAP),
+        (LIMITS, 6.0, 0.0, 0.0154),
+        (SUDDEN, 1.5, 0.0, -0.0633),
+        (SUDDEN, 6.0, 0.02, GAP - 0.5 * 0.02),
+    ],
+)  # the neighbour continues at full speed
+def test_minimum_distance_depends_on_deceleration_and_delay(
+    limits, deceleration, delay, left
+):
+    assert least_distance(GAP, limits, deceleration, delay) == pytest.approx(
+        left, abs=3e-4
+    )
 
 
 @given(st.floats(1.0, 12.0), st.floats(0.0, 0.05))
 def test_lower_speed_limit_keeps_a_larger_distance(deceleration, delay):
-    slow, fast = (least_distance(GAP, replace(LIMITS, speed=speed), deceleration, delay)
-                  for speed in (0.25, 0.5))
+    slow, fast = (
+        least_distance(GAP, replace(LIMITS, speed=speed), deceleration, delay)
+        for speed in (0.25, 0.5)
+    )
     assert slow >= fast - 1e-4  # resolution of the search over speeds
 
 
 def brake_together(motion: CarriageMotion) -> float:
     """Return the minimum of q3 - q1 on the path to rest [m]."""
-    return min(q3 - q1 for (q1, _, q3), _, _ in PathLimiter(LIMITS, PERIOD).stop(motion))
+    return min(
+        q3 - q1 for (q1, _, q3), _, _ in PathLimiter(LIMITS, PERIOD).stop(motion)
+    )
 
 
 def stop_alone(speed: float, deceleration: float, delay: float, time: float) -> float:
     """Return the displacement of a carriage [m] at a time [s] after the failure."""
     slowing = min(max(0.0, time - delay), abs(speed) / deceleration)
     return speed * (min(time, delay) + slowing) - math.copysign(
-        0.5 * deceleration * slowing ** 2, speed)
+        0.5 * deceleration * slowing**2, speed
+    )
 
 
 @pytest.mark.long
 @given(shares, shares, st.floats(3.0, 12.0), st.floats(0.0, 0.03))
 def test_no_allowed_motion_comes_nearer_than_the_bound(
-        speeds, accelerations, deceleration, delay):
+    speeds, accelerations, deceleration, delay
+):
     velocity = tuple(LIMITS.speed * share for share in speeds)
-    room = [min(1.0, (LIMITS.speed - abs(v)) * 2.0 * LIMITS.jerk / LIMITS.acceleration ** 2)
-            for v in velocity]  # excludes accelerations that would exceed the speed limit
-    motion = CarriageMotion((0.0, 0.0, 0.0), velocity, tuple(
-        LIMITS.acceleration * share * most ** 0.5
-        for share, most in zip(accelerations, room, strict=True)))
-    start = GAP - brake_together(motion)  # gap from which the path to rest just keeps GAP
+    room = [
+        min(1.0, (LIMITS.speed - abs(v)) * 2.0 * LIMITS.jerk / LIMITS.acceleration**2)
+        for v in velocity
+    ]  # excludes accelerations that would exceed the speed limit
+    motion = CarriageMotion(
+        (0.0, 0.0, 0.0),
+        velocity,
+        tuple(
+            LIMITS.acceleration * share * most**0.5
+            for share, most in zip(accelerations, room, strict=True)
+        ),
+    )
+    start = GAP - brake_together(
+        motion
+    )  # gap from which the path to rest just keeps GAP
     bound = least_distance(GAP, LIMITS, deceleration, delay) - ROUNDING_OF_THE_PATH
     for left, right in ((delay, 0.0), (0.0, delay)):
         assert bound <= min(
-            start + stop_alone(velocity[2], deceleration, right, time)
+            start
+            + stop_alone(velocity[2], deceleration, right, time)
             - stop_alone(velocity[0], deceleration, left, time)
-            for time in [0.002 * step for step in range(150)])
+            for time in [0.002 * step for step in range(150)]
+        )
 
 
 # a neighbour that stops at once; the times are those of 4, 3 and 2 cycles
 SEPARATION = Separation(
-    touching=0.0, deceleration=6.0, silence=0.04, window=0.015, tracking=0.03, tolerated=0.015,
-    report=0.02)
+    touching=0.0,
+    deceleration=6.0,
+    silence=0.04,
+    window=0.015,
+    tracking=0.03,
+    tolerated=0.015,
+    report=0.02,
+)
 
 
 @given(st.floats(0.01, 0.5), st.floats(0.0, 0.1))
@@ -77,4 +112,4 @@ def test_separation_allows_a_speed_from_its_distance(speed, farther):
 
 def test_weak_brake_stops_beyond_the_stroke():
     assert overshoot(0.5, 3.0, 6.0) == 0.0
-    assert overshoot(0.5, 3.0, 1.5) == pytest.approx(0.5 ** 2 / 3.0 - 0.5 ** 2 / 6.0)
+    assert overshoot(0.5, 3.0, 1.5) == pytest.approx(0.5**2 / 3.0 - 0.5**2 / 6.0)

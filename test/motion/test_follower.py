@@ -9,7 +9,11 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.errors import ManipulatorError, StrokeLimitError
-from facade_manipulator.motion.follower import Activity, SetpointFollower, StreamSettings
+from facade_manipulator.motion.follower import (
+    Activity,
+    SetpointFollower,
+    StreamSettings,
+)
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
@@ -50,12 +54,15 @@ def run(made, start, end, stream=sine, *allowed):
 def move(time, way=0.05, duration=0.5):
     """Return a setpoint of a common displacement [m] with maximum acceleration at both ends."""
     share = min(max(time / duration, 0.0), 1.0)
-    moved, speed = way * share * share * (3.0 - 2.0 * share), 6.0 * way / duration * share * (
-        1.0 - share)
+    moved, speed = (
+        way * share * share * (3.0 - 2.0 * share),
+        6.0 * way / duration * share * (1.0 - share),
+    )
     return Setpoint(time, tuple(q + moved for q in HOME), (speed,) * 3)
 
 
 # --- the stream
+
 
 def test_carriages_follow_the_stream_between_its_points():
     made = follower()
@@ -74,8 +81,10 @@ def test_mean_velocities_smoothed_by_later_setpoints_avoid_jerk(ahead, is_smooth
         now = cycle * PERIOD / 5
         if cycle % 5 == 0:
             here, before = sine(now + ahead, 0.2), sine(now + ahead - PERIOD, 0.2)
-            mean = tuple((b - a) / PERIOD for a, b in zip(
-                before.position, here.position, strict=True))
+            mean = tuple(
+                (b - a) / PERIOD
+                for a, b in zip(before.position, here.position, strict=True)
+            )
             made.add(here._replace(velocity=mean), now)
         made.sample(now + LEAD)
         counts.append(made.limited_cycles)
@@ -108,8 +117,9 @@ def test_follower_without_reset_rejects_sampling():
 def test_stream_continues_after_the_clock_was_set(step):
     made = follower()
     commanded = run(made, 0.0, 1.0)[-3:]
-    commanded += run(made, 1.0 + step, 2.0 + step, lambda time: sine(time - step)._replace(
-        time=time))
+    commanded += run(
+        made, 1.0 + step, 2.0 + step, lambda time: sine(time - step)._replace(time=time)
+    )
     assert commanded[-1] == pytest.approx(sine(2.01).position, abs=1e-6)
     require_limits(commanded, LIMITS, PERIOD)
 
@@ -121,13 +131,21 @@ def test_later_setpoints_replace_setpoints_far_ahead(strays):
         now = cycle * PERIOD
         if cycle in strays:
             stray = sine(now + 0.5)
-            made.add(stray._replace(position=tuple(q + 0.02 for q in stray.position)), now)
-        position, = run(made, now, now + PERIOD)
-        assert cycle <= 30 or position == pytest.approx(sine(now + LEAD).position, abs=1e-4)
+            made.add(
+                stray._replace(position=tuple(q + 0.02 for q in stray.position)), now
+            )
+        (position,) = run(made, now, now + PERIOD)
+        assert cycle <= 30 or position == pytest.approx(
+            sine(now + LEAD).position, abs=1e-4
+        )
 
 
-@given(stall_at=st.floats(0.0, 0.6), stall=st.floats(0.0, 0.08), late=st.floats(0.0, 0.026),
-       late_cycle=st.integers(0, 80))
+@given(
+    stall_at=st.floats(0.0, 0.6),
+    stall=st.floats(0.0, 0.08),
+    late=st.floats(0.0, 0.026),
+    late_cycle=st.integers(0, 80),
+)
 def test_delayed_stream_still_reaches_its_end(stall_at, stall, late, late_cycle):
     made, sent = follower(), 0
     for cycle in range(250):
@@ -143,17 +161,38 @@ def test_delayed_stream_still_reaches_its_end(stall_at, stall, late, late_cycle)
 
 # --- rejected setpoints
 
-@pytest.mark.parametrize(('setpoint', 'reason', 'message'), [
-    (Setpoint(2.03, (math.nan, 0.1, 0.0), REST), 'far_setpoint', 'step of q1 = nan'),
-    (Setpoint(2.03, (-0.1, 0.1, 0.06), REST), 'far_setpoint', 'q3 = 0.06 m is above .* 0.05 m'),
-    (Setpoint(2.03, (-0.1, 0.6, 0.0), REST), 'stroke', '0.6'),
-    (Setpoint(2.03, HOME, (0.0, math.nan, 0.0)), 'far_setpoint', 'velocity of q2 = nan'),
-    (Setpoint(2.03, HOME, (0.0, 0.4, 0.0)), 'inconsistent', 'm/s, but its positions change by'),
-    (Setpoint(1.7, HOME, REST), 'stale', 'setpoint is 0.300 s old'),
-    (Setpoint(math.nan, HOME, REST), 'stale', 'setpoint is nan s old'),
-    (Setpoint(2.51, HOME, REST), 'future', 'setpoint is 0.510 s from the future'),
-    (Setpoint(2.015, HOME, REST), 'out_of_order', 'present command'),
-    (Setpoint(1.98, HOME, REST), 'out_of_order', 'present command')])
+
+@pytest.mark.parametrize(
+    ('setpoint', 'reason', 'message'),
+    [
+        (
+            Setpoint(2.03, (math.nan, 0.1, 0.0), REST),
+            'far_setpoint',
+            'step of q1 = nan',
+        ),
+        (
+            Setpoint(2.03, (-0.1, 0.1, 0.06), REST),
+            'far_setpoint',
+            'q3 = 0.06 m is above .* 0.05 m',
+        ),
+        (Setpoint(2.03, (-0.1, 0.6, 0.0), REST), 'stroke', '0.6'),
+        (
+            Setpoint(2.03, HOME, (0.0, math.nan, 0.0)),
+            'far_setpoint',
+            'velocity of q2 = nan',
+        ),
+        (
+            Setpoint(2.03, HOME, (0.0, 0.4, 0.0)),
+            'inconsistent',
+            'm/s, but its positions change by',
+        ),
+        (Setpoint(1.7, HOME, REST), 'stale', 'setpoint is 0.300 s old'),
+        (Setpoint(math.nan, HOME, REST), 'stale', 'setpoint is nan s old'),
+        (Setpoint(2.51, HOME, REST), 'future', 'setpoint is 0.510 s from the future'),
+        (Setpoint(2.015, HOME, REST), 'out_of_order', 'present command'),
+        (Setpoint(1.98, HOME, REST), 'out_of_order', 'present command'),
+    ],
+)
 def test_bad_setpoint_is_rejected_and_changes_nothing(setpoint, reason, message):
     made, unchanged = follower(), follower()
     for one in (made, unchanged):
@@ -161,8 +200,10 @@ def test_bad_setpoint_is_rejected_and_changes_nothing(setpoint, reason, message)
     with pytest.raises(ManipulatorError, match=message) as rejection:
         made.add(setpoint, 2.0)
     assert rejection.value.reason == reason
-    after = [run(one, 2.01, 2.5, lambda time: sine(time - 2.04)._replace(time=time))
-             for one in (made, unchanged)]
+    after = [
+        run(one, 2.01, 2.5, lambda time: sine(time - 2.04)._replace(time=time))
+        for one in (made, unchanged)
+    ]
     assert after[0] == after[1]
 
 
@@ -175,10 +216,18 @@ def test_velocities_to_twice_the_speed_limit_are_accepted(speed):
     made.add(Setpoint(0.1, HOME, (0.0, 1.999 * speed, 0.0)), 0.0)
 
 
-@given(amplitude=st.floats(0.0, 0.2), rate=st.floats(0.5, 4.0), interval=st.floats(0.001, 0.09),
-       backlash=st.floats(0.0, 0.0005))
-def test_possible_motion_with_mean_velocities_is_accepted(amplitude, rate, interval, backlash):
-    share = min(1.0, 0.5 / max(amplitude * rate, 1e-9), 3.0 / max(amplitude * rate ** 2, 1e-9))
+@given(
+    amplitude=st.floats(0.0, 0.2),
+    rate=st.floats(0.5, 4.0),
+    interval=st.floats(0.001, 0.09),
+    backlash=st.floats(0.0, 0.0005),
+)
+def test_possible_motion_with_mean_velocities_is_accepted(
+    amplitude, rate, interval, backlash
+):
+    share = min(
+        1.0, 0.5 / max(amplitude * rate, 1e-9), 3.0 / max(amplitude * rate**2, 1e-9)
+    )
 
     def at(time):
         position = HOME[0] + share * amplitude * math.sin(rate * time)
@@ -203,10 +252,11 @@ def test_velocity_contradicting_constant_positions_moves_little(interval, veloci
         farthest = max(farthest, abs(made.sample(now + LEAD)[1] - HOME[1]))
     # 0.15 m/s are possible if setpoints arrive every 0.1 s, the longest interval without a brake
     most, silence = 0.5 * LIMITS.acceleration * 0.1, 0.1
-    assert farthest < most * silence + 0.5 * most ** 2 / LIMITS.acceleration + 0.003
+    assert farthest < most * silence + 0.5 * most**2 / LIMITS.acceleration + 0.003
 
 
 # --- the path to rest
+
 
 def reject(*_):
     raise ManipulatorError('no path')
@@ -229,19 +279,27 @@ def keeps_gap(*path):
 
 
 numbers = st.floats() | st.floats(-1.0, 1.0)
-hostile = st.builds(Setpoint, numbers, st.tuples(*[numbers] * 3), st.tuples(*[numbers] * 3))
+hostile = st.builds(
+    Setpoint, numbers, st.tuples(*[numbers] * 3), st.tuples(*[numbers] * 3)
+)
 
 
-@given(swing=st.floats(0.0, 0.15), rate=st.floats(1.0, 5.0), phase=st.floats(0.0, 6.3),
-       gaps=st.lists(st.integers(0, 149), max_size=4), strays=st.dictionaries(
-           st.integers(0, 149), st.just(None) | hostile, max_size=10))
+@given(
+    swing=st.floats(0.0, 0.15),
+    rate=st.floats(1.0, 5.0),
+    phase=st.floats(0.0, 6.3),
+    gaps=st.lists(st.integers(0, 149), max_size=4),
+    strays=st.dictionaries(st.integers(0, 149), st.just(None) | hostile, max_size=10),
+)
 def test_every_path_to_rest_keeps_gap_and_limits(swing, rate, phase, gaps, strays):
     made = follower(keeps_gap, (-0.03, 0.1, 0.0))
 
     def approach(time):  # the carriages oscillate, two of them against each other
         way = swing * (math.sin(rate * time + phase) - math.sin(phase))
         speed = swing * rate * math.cos(rate * time + phase)
-        return Setpoint(time, (-0.03 + way, 0.1, -0.5 * way), (speed, 0.0, -0.5 * speed))
+        return Setpoint(
+            time, (-0.03 + way, 0.1, -0.5 * way), (speed, 0.0, -0.5 * speed)
+        )
 
     commanded = [made.motion.position] * 3
     for cycle in range(150):
@@ -258,8 +316,13 @@ def test_every_path_to_rest_keeps_gap_and_limits(swing, rate, phase, gaps, stray
 
 
 lowered = st.builds(
-    lambda speed, acceleration, ramp: MotionLimits(speed, acceleration, acceleration / ramp),
-    st.floats(0.01, 0.5), st.floats(0.1, 3.0), st.floats(0.02, 1.0))
+    lambda speed, acceleration, ramp: MotionLimits(
+        speed, acceleration, acceleration / ramp
+    ),
+    st.floats(0.01, 0.5),
+    st.floats(0.1, 3.0),
+    st.floats(0.02, 1.0),
+)
 
 
 @pytest.mark.long
@@ -295,8 +358,12 @@ def test_held_commands_continue_with_the_velocity_after_braking(held):
     made.wait(pause)
     after = run(made, pause, pause + 1.5, fast)
     left = max(0.0, speed - LIMITS.acceleration * pause)
-    assert 0.0 <= after[0][0] - before[0] <= (left + 0.01 * LIMITS.jerk * PERIOD) * PERIOD
-    start = tuple(p - left * PERIOD * share for p, share in zip(before, (1, 1, 0), strict=True))
+    assert (
+        0.0 <= after[0][0] - before[0] <= (left + 0.01 * LIMITS.jerk * PERIOD) * PERIOD
+    )
+    start = tuple(
+        p - left * PERIOD * share for p, share in zip(before, (1, 1, 0), strict=True)
+    )
     require_limits([start, before, *after], LIMITS, PERIOD)
     assert after[-1] == pytest.approx(fast(pause + 1.51).position, abs=1e-6)
 

@@ -6,10 +6,16 @@ import pytest
 
 from facade_manipulator.errors import LimitError, ParameterError
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose
-from facade_manipulator.motion.guard import homing_guard, measured_guard, mechanism_guard
+from facade_manipulator.motion.guard import (
+    homing_guard,
+    measured_guard,
+    mechanism_guard,
+)
 
 GEOMETRY = Geometry()
-MADE = Geometry(carriage_offsets=(0.004, 0.0, 0.0), rail_angle=0.01, link_errors=(1e-3, 0.0))
+MADE = Geometry(
+    carriage_offsets=(0.004, 0.0, 0.0), rail_angle=0.01, link_errors=(1e-3, 0.0)
+)
 NEAR = (-0.1, 0.1, -0.09)
 guard, measured = mechanism_guard(GEOMETRY), measured_guard(GEOMETRY, margin=0.0)
 
@@ -33,19 +39,27 @@ def test_every_certified_pose_passes_the_guard(geometry, x, y, theta):
     mechanism_guard(geometry)(tuple(carriages))
 
 
-@pytest.mark.parametrize(('check', 'positions', 'message'), [
-    (guard, (-0.51, -0.1, -0.3), 'q1 = -0.51 m is below'),
-    (guard, (0.31, 0.51, 0.4), 'q2 = 0.51 m is above'),
-    (guard, (-0.1, 0.3, -0.085), 'q3 - q1 = 0.015 m is below'),
-    (guard, (-0.4, 0.4, 0.0), ' is '), (guard, (0.1, -0.1, 0.0), ' is '),
-    (guard, (-0.1, math.nan, 0.0), 'nan'), (guard, (-0.1, 0.1, math.inf), 'inf'),
-    (measured, (-0.1, 0.1, 0.0), ''),
-    # Measured positions may lag by 5 mm of the gap of 20 mm and by the margin of the drives.
-    (measured, (-0.1, 0.1, -0.084), ''), (measured, (-0.1, 0.1, -0.086), 'q3 - q1 = 0.014 m'),
-    (measured, (0.3, 0.504, 0.4), ''), (measured, (0.3, 0.506, 0.4), 'q2 = 0.506 m'),
-    (measured_guard(GEOMETRY, margin=0.002), (0.3, 0.506, 0.4), ''),
-    (measured, (-0.347, 0.347, 0.0), ''), (measured, (-0.36, 0.36, 0.0), ' is '),
-])
+@pytest.mark.parametrize(
+    ('check', 'positions', 'message'),
+    [
+        (guard, (-0.51, -0.1, -0.3), 'q1 = -0.51 m is below'),
+        (guard, (0.31, 0.51, 0.4), 'q2 = 0.51 m is above'),
+        (guard, (-0.1, 0.3, -0.085), 'q3 - q1 = 0.015 m is below'),
+        (guard, (-0.4, 0.4, 0.0), ' is '),
+        (guard, (0.1, -0.1, 0.0), ' is '),
+        (guard, (-0.1, math.nan, 0.0), 'nan'),
+        (guard, (-0.1, 0.1, math.inf), 'inf'),
+        (measured, (-0.1, 0.1, 0.0), ''),
+        # Measured positions may lag by 5 mm of the gap of 20 mm and by the margin of the drives.
+        (measured, (-0.1, 0.1, -0.084), ''),
+        (measured, (-0.1, 0.1, -0.086), 'q3 - q1 = 0.014 m'),
+        (measured, (0.3, 0.504, 0.4), ''),
+        (measured, (0.3, 0.506, 0.4), 'q2 = 0.506 m'),
+        (measured_guard(GEOMETRY, margin=0.002), (0.3, 0.506, 0.4), ''),
+        (measured, (-0.347, 0.347, 0.0), ''),
+        (measured, (-0.36, 0.36, 0.0), ' is '),
+    ],
+)
 def test_impossible_positions_are_rejected_with_their_limit(check, positions, message):
     found = rejection(check, positions)
     assert message in found if message else not found
@@ -57,17 +71,29 @@ def test_path_is_rejected_at_its_first_impossible_position(path):
     assert rejection(guard, *path) == next(filter(None, rejections), '')
 
 
-@pytest.mark.parametrize(('geometry', 'positions', 'homed', 'message'), [
-    (GEOMETRY, NEAR, (False, False, False), ''), (GEOMETRY, NEAR, (True, True, False), ''),
-    (GEOMETRY, NEAR, (False, True, True), ''), (GEOMETRY, NEAR, (True, False, False), ''),
-    (GEOMETRY, NEAR, (True, False, True), 'q3 - q1 = 0.01 m is below the bound 0.02 m'),
-    (GEOMETRY, (-0.1, 0.1, 0.0), (True, True, True), ''),
-    (GEOMETRY, (-0.4, 0.4, 0.0), (True, True, True), ' is '),
-    # 22 mm apart by the drive positions, 18 mm on the rail
-    (GEOMETRY, (-0.022, 0.1, 0.0), (True, False, True), ''),
-    (MADE, (-0.022, 0.1, 0.0), (True, False, True), 'q3 - q1 = 0.018 m'),
-    (MADE, (-0.022, 0.1, 0.0), (True, True, True), 'q3 - q1 = 0.018 m'),
-])
-def test_homing_guard_checks_neighbours_then_the_mechanism(geometry, positions, homed, message):
+@pytest.mark.parametrize(
+    ('geometry', 'positions', 'homed', 'message'),
+    [
+        (GEOMETRY, NEAR, (False, False, False), ''),
+        (GEOMETRY, NEAR, (True, True, False), ''),
+        (GEOMETRY, NEAR, (False, True, True), ''),
+        (GEOMETRY, NEAR, (True, False, False), ''),
+        (
+            GEOMETRY,
+            NEAR,
+            (True, False, True),
+            'q3 - q1 = 0.01 m is below the bound 0.02 m',
+        ),
+        (GEOMETRY, (-0.1, 0.1, 0.0), (True, True, True), ''),
+        (GEOMETRY, (-0.4, 0.4, 0.0), (True, True, True), ' is '),
+        # 22 mm apart by the drive positions, 18 mm on the rail
+        (GEOMETRY, (-0.022, 0.1, 0.0), (True, False, True), ''),
+        (MADE, (-0.022, 0.1, 0.0), (True, False, True), 'q3 - q1 = 0.018 m'),
+        (MADE, (-0.022, 0.1, 0.0), (True, True, True), 'q3 - q1 = 0.018 m'),
+    ],
+)
+def test_homing_guard_checks_neighbours_then_the_mechanism(
+    geometry, positions, homed, message
+):
     found = rejection(homing_guard(geometry), positions, homed)
     assert message in found if message else not found

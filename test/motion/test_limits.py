@@ -28,11 +28,20 @@ def path_to_rest(limiter, motion):
 
 
 def follow(limiter, motion, target, velocity):
-    return limiter.reach(motion, target, velocity) or limiter.chase(motion, target, velocity)
+    return limiter.reach(motion, target, velocity) or limiter.chase(
+        motion, target, velocity
+    )
 
 
-@given(st.lists(st.tuples(st.sampled_from(('far', 'near', 'near', 'near', 'stop')), vectors,
-                          vectors), min_size=1, max_size=60))
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(('far', 'near', 'near', 'near', 'stop')), vectors, vectors
+        ),
+        min_size=1,
+        max_size=60,
+    )
+)
 def test_targets_and_stops_keep_speed_acceleration_and_jerk(steps):
     limiter, motions, stop = PathLimiter(LIMITS, PERIOD), [ORIGIN] * 3, []
     target = velocity = (0.0, 0.0, 0.0)
@@ -71,7 +80,10 @@ def test_chase_from_rest_is_straight():
 def test_moving_target_is_caught_and_then_reached_exactly():
     limiter, motion = PathLimiter(LIMITS, PERIOD), ORIGIN
     for cycle in range(1, 200):
-        wave, rate = math.sin(2.0 * cycle * PERIOD), 2.0 * math.cos(2.0 * cycle * PERIOD)
+        wave, rate = (
+            math.sin(2.0 * cycle * PERIOD),
+            2.0 * math.cos(2.0 * cycle * PERIOD),
+        )
         target = 0.1 + 0.1 * wave, -0.05 * wave, 0.02
         motion = follow(limiter, motion, target, (0.1 * rate, -0.05 * rate, 0.0))
         assert cycle < 99 or motion.position == target

@@ -9,7 +9,11 @@ import pytest
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.motion.reference import HeadMotion, ReferencePath, ReferenceSettings
+from facade_manipulator.motion.reference import (
+    HeadMotion,
+    ReferencePath,
+    ReferenceSettings,
+)
 
 SETTINGS = ReferenceSettings()
 poses = st.builds(Pose, st.floats(-0.3, 0.3), st.floats(0.1, 0.3), st.floats(-0.3, 0.3))
@@ -35,8 +39,11 @@ def test_path_joins_start_and_goal_inside_the_limits(start, goal):
     times = np.linspace(100.0, reference.arrival(), 300)
     _, speeds, accelerations = np.moveaxis([reference.at(time) for time in times], 1, 0)
     jerks = np.diff(accelerations, axis=0) / np.maximum(np.diff(times), 1e-9)[:, None]
-    for found, limit in ((speeds, SETTINGS.speed), (accelerations, SETTINGS.acceleration),
-                         (jerks, SETTINGS.jerk)):
+    for found, limit in (
+        (speeds, SETTINGS.speed),
+        (accelerations, SETTINGS.acceleration),
+        (jerks, SETTINGS.jerk),
+    ):
         assert (abs(found).max(axis=0) <= np.array(limit) * (1 + 1e-6)).all()
 
 
@@ -47,9 +54,12 @@ def test_path_exists_for_every_whole_millimetre():
 
 
 @given(poses, poses, poses)
-@example(Pose(0.02464045505922593, 0.25, 0.0), Pose(0.02464045505922593, 0.22, 0.03),
-         # Ruckig ended this path at 1e-17 m/s and found no path from there.
-         Pose(-0.02464045505922593, 0.25, 0.0))
+@example(
+    Pose(0.02464045505922593, 0.25, 0.0),
+    Pose(0.02464045505922593, 0.22, 0.03),
+    # Ruckig ended this path at 1e-17 m/s and found no path from there.
+    Pose(-0.02464045505922593, 0.25, 0.0),
+)
 def test_path_from_rest_is_straight(before, start, goal):
     reference = planned(before, start)
     begin, start = reference.arrival(), end_of(reference).position
@@ -58,7 +68,9 @@ def test_path_from_rest_is_straight(before, start, goal):
     for share in (0.2, 0.5, 0.8):
         time = begin + share * (reference.arrival() - begin)
         gone = np.subtract(reference.at(time).position, start)
-        assert gone == pytest.approx(way * (gone @ way) / max(way @ way, 1e-30), abs=1e-6)
+        assert gone == pytest.approx(
+            way * (gone @ way) / max(way @ way, 1e-30), abs=1e-6
+        )
 
 
 @given(poses, poses, poses | st.none(), st.floats(0.05, 0.95))
@@ -66,14 +78,20 @@ def test_new_goal_or_stop_keeps_the_motion_continuous(start, goal, other, share)
     reference = planned(start, goal)
     time = 100.0 + share * (reference.arrival() - 100.0)
     before = reference.at(time)
-    end = reference.stop(time) if other is None else reference.retarget(time, other) or other
+    end = (
+        reference.stop(time)
+        if other is None
+        else reference.retarget(time, other) or other
+    )
     for old, new in zip(before, reference.at(time), strict=True):
         assert new == pytest.approx(old, abs=1e-9)
     assert end_of(reference).position == pytest.approx(tuple(end), abs=1e-7)
 
 
 def test_turn_takes_the_shorter_way():
-    reference = planned(Pose(0.0, 0.25, math.radians(175)), Pose(0.0, 0.25, math.radians(-175)))
+    reference = planned(
+        Pose(0.0, 0.25, math.radians(175)), Pose(0.0, 0.25, math.radians(-175))
+    )
     assert end_of(reference).position.theta == pytest.approx(math.radians(185))
 
 

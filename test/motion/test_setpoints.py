@@ -7,7 +7,12 @@ from scipy.interpolate import CubicHermiteSpline
 from facade_manipulator.errors import InputError, LimitError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.motion import setpoints
-from facade_manipulator.motion.setpoints import GoalSettings, Setpoint, SetpointStream, STREAM_GAP
+from facade_manipulator.motion.setpoints import (
+    GoalSettings,
+    Setpoint,
+    SetpointStream,
+    STREAM_GAP,
+)
 
 HOME, LIFTED = Pose(0.0, 0.25, 0.0), Pose(0.1, 0.26, 0.1)
 triples = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
@@ -21,14 +26,19 @@ def fixture_stream():
 
 def along(time: float) -> Pose:
     """Return the pose of a smooth path of the head at a time [s]."""
-    return Pose(0.1 * np.sin(2.0 * time), 0.25 + 0.02 * np.cos(3.0 * time), 0.1 * np.sin(time))
+    return Pose(
+        0.1 * np.sin(2.0 * time), 0.25 + 0.02 * np.cos(3.0 * time), 0.1 * np.sin(time)
+    )
 
 
 @given(triples, triples, intervals)
 def test_extrapolation_continues_with_a_confirmed_velocity(position, velocity, ahead):
     last = Setpoint(7.0, position, velocity)
     found = setpoints.extrapolate([last, last], 7.0 + ahead)
-    assert found == (pytest.approx(np.array(position) + ahead * np.array(velocity)), velocity)
+    assert found == (
+        pytest.approx(np.array(position) + ahead * np.array(velocity)),
+        velocity,
+    )
     assert setpoints.extrapolate([last], 7.0 + ahead) == (position, (0.0, 0.0, 0.0))
 
 
@@ -43,7 +53,9 @@ def test_interpolation_is_the_cubic_through_two_setpoints(ends, interval, share)
 
 @pytest.mark.parametrize('begin', np.linspace(0.0, 6.0, 31))
 def test_setpoint_velocity_equals_that_of_the_carriages(stream, begin):
-    before, after = (stream.setpoint(time, along(time)) for time in (begin, begin + 1e-4))
+    before, after = (
+        stream.setpoint(time, along(time)) for time in (begin, begin + 1e-4)
+    )
     moved = np.subtract(after.position, before.position)
     np.testing.assert_allclose(after.velocity, moved / 1e-4, atol=1e-3)
 
@@ -61,7 +73,9 @@ def test_rejected_pose_leaves_the_stream_unchanged(stream):
     assert any(stream.setpoint(0.1, along(0.1)).velocity)
 
 
-@pytest.mark.parametrize('goal', [LIFTED, Pose(-0.1, 0.26, 0.0), Pose(0.0, 0.25, 0.1), HOME])
+@pytest.mark.parametrize(
+    'goal', [LIFTED, Pose(-0.1, 0.26, 0.0), Pose(0.0, 0.25, 0.1), HOME]
+)
 @pytest.mark.parametrize('spacing', [0.002, 0.05])
 def test_path_includes_both_ends_and_keeps_the_spacing(stream, spacing, goal):
     path, mechanism = stream.path(HOME, goal, spacing), stream.mechanism

@@ -22,21 +22,44 @@ def end_of(path):
 
 
 # inputs of one axis that users of ruckig have reported as "error in step 1" (issues 100 and 160)
-@pytest.mark.parametrize(('position', 'velocity', 'acceleration', 'goal', 'limits'), [
-    (0.02853333333333339, 0.6800000000000006, 7.999999999999993, 0.0, (1.0, 10.0, 100.0)),
-    (-0.04895883258572608, 1.425883388427091e-14, -2.370282711878416e-12, -0.04895883258572691,
-     (5.0, 10.0, 150.0)),
-    (0.0, 0.0, 0.0, 0.012, (0.2, 0.6, 6.0))])
-def test_path_is_found_where_ruckig_reports_errors(position, velocity, acceleration, goal, limits):
+@pytest.mark.parametrize(
+    ('position', 'velocity', 'acceleration', 'goal', 'limits'),
+    [
+        (
+            0.02853333333333339,
+            0.6800000000000006,
+            7.999999999999993,
+            0.0,
+            (1.0, 10.0, 100.0),
+        ),
+        (
+            -0.04895883258572608,
+            1.425883388427091e-14,
+            -2.370282711878416e-12,
+            -0.04895883258572691,
+            (5.0, 10.0, 150.0),
+        ),
+        (0.0, 0.0, 0.0, 0.012, (0.2, 0.6, 6.0)),
+    ],
+)
+def test_path_is_found_where_ruckig_reports_errors(
+    position, velocity, acceleration, goal, limits
+):
     start = [[value, 0.0, 0.0] for value in (position, velocity, acceleration)]
     path = plan_trajectory(start, [goal, 0.0, 0.0], *([limit] * 3 for limit in limits))
     assert end_of(path)[0] == pytest.approx([goal, 0.0, 0.0], abs=1e-8)
 
 
-@given(speed=st.floats(-0.49, 0.49), apart=st.tuples(small, small, small),
-       sign=st.sampled_from((-1.0, 1.0)), beyond=st.tuples(*[st.integers(-4, 4)] * 3),
-       goal=st.sampled_from((None, [-0.05, 0.15, 0.05])))
-def test_acceleration_rounded_beyond_its_limit_has_a_path(speed, apart, sign, beyond, goal):
+@given(
+    speed=st.floats(-0.49, 0.49),
+    apart=st.tuples(small, small, small),
+    sign=st.sampled_from((-1.0, 1.0)),
+    beyond=st.tuples(*[st.integers(-4, 4)] * 3),
+    goal=st.sampled_from((None, [-0.05, 0.15, 0.05])),
+)
+def test_acceleration_rounded_beyond_its_limit_has_a_path(
+    speed, apart, sign, beyond, goal
+):
     acceleration = [sign * 3.0 * (1.0 + n * sys.float_info.epsilon) for n in beyond]
     start = (-0.1, 0.1, 0.0), [speed + a for a in apart], acceleration
     end = end_of(plan_trajectory(start, goal, *LIMITS))

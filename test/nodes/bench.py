@@ -55,9 +55,12 @@ class LoopThread:
 
 #: all nodes of the machine and its simulator: what makes each, by its name
 NODES = {
-    'driver': partial(DriverNode, LoopThread), 'ik_service': IkServiceNode,
-    'compensator': CompensatorNode, 'disturbance_estimator': DisturbanceEstimatorNode,
-    'gondola_simulator': GondolaSimulatorNode}
+    'driver': partial(DriverNode, LoopThread),
+    'ik_service': IkServiceNode,
+    'compensator': CompensatorNode,
+    'disturbance_estimator': DisturbanceEstimatorNode,
+    'gondola_simulator': GondolaSimulatorNode,
+}
 
 
 class NodeBench:
@@ -65,23 +68,33 @@ class NodeBench:
 
     def __init__(self, ros, make, parameters=None, **options):
         self.ros = ros
-        self.tested = ros.add(make(parameter_overrides=[
-            Parameter(name, value=value) for name, value in (parameters or {}).items()],
-            **options))
+        self.tested = ros.add(
+            make(
+                parameter_overrides=[
+                    Parameter(name, value=value)
+                    for name, value in (parameters or {}).items()
+                ],
+                **options,
+            )
+        )
         self.node = ros.node(namespace=self.tested.get_namespace())
         self.components: dict[str, DiagnosticStatus] = {}
         self.node.create_subscription(*topics.DIAGNOSTICS[:2], self._receive, 100)
         self._publisher = cache(self._make_publisher)
 
     def _receive(self, message):
-        self.components |= {status.name.partition(': ')[2]: status for status in message.status}
+        self.components |= {
+            status.name.partition(': ')[2]: status for status in message.status
+        }
 
     def now(self):
         return self.node.get_clock().now().nanoseconds * 1e-9
 
     def _make_publisher(self, topic):
         publisher = self.node.create_publisher(*topic)
-        self.ros.until(publisher.get_subscription_count, f'the subscription of {topic.name}')
+        self.ros.until(
+            publisher.get_subscription_count, f'the subscription of {topic.name}'
+        )
         return publisher
 
     def publish(self, topic, message):
@@ -90,18 +103,31 @@ class NodeBench:
 
     def collect(self, topic, depth=100):
         """Return a list that collects the messages on a topic."""
-        return self.ros.collect(self.node, *topic[:2], topics.QoSProfile(
-            depth=depth, durability=topic.qos.durability, reliability=topic.qos.reliability))
+        return self.ros.collect(
+            self.node,
+            *topic[:2],
+            topics.QoSProfile(
+                depth=depth,
+                durability=topic.qos.durability,
+                reliability=topic.qos.reliability,
+            ),
+        )
 
     def call(self, service, request=None):
         return self.ros.call(self.node, *service, request)
 
     def until_status(self, component, message, level=None):
         """Wait for a level and a part of the message of a component on /diagnostics."""
+
         def is_there():
             status = self.components.get(component)
-            return status and message in status.message and (
-                level in (None, status_level(status))) and status
+            return (
+                status
+                and message in status.message
+                and (level in (None, status_level(status)))
+                and status
+            )
+
         return self.ros.until(is_there, f'{component}: {message}')
 
     def value(self, component, key):
@@ -112,7 +138,8 @@ class NodeBench:
         """Wait for a number of rejections with a reason; return the last message."""
         diagnostics = self.tested.diagnostics
         self.ros.until(
-            lambda: diagnostics.rejections().get(f'rejected: {reason}') == count, reason)
+            lambda: diagnostics.rejections().get(f'rejected: {reason}') == count, reason
+        )
         return diagnostics.last_rejection
 
     def rejection_count(self):
@@ -137,20 +164,26 @@ def driver_message(status):
 
 # the machine of the tests may be busy; that such time-outs act is the controller's tests'
 SIMULATED = {
-    'simulate_drives': True, 'controller.heartbeat_timeout': 1.0,
-    'controller.max_missed_cycles': 10}
+    'simulate_drives': True,
+    'controller.heartbeat_timeout': 1.0,
+    'controller.max_missed_cycles': 10,
+}
 
 
 class DriverBench(NodeBench):
     """Driver with simulated drives, whose control loop is a thread of the test."""
 
     def __init__(self, ros, parameters=None, **options):
-        super().__init__(ros, NODES['driver'], SIMULATED | (parameters or {}), **options)
+        super().__init__(
+            ros, NODES['driver'], SIMULATED | (parameters or {}), **options
+        )
 
     def change(self, label='', number=0):
         """Request a transition by its label or its id; return whether the transition succeeds."""
-        return self.call(topics.CHANGE_STATE, ChangeState.Request(
-            transition=Transition(label=label, id=number))).success
+        return self.call(
+            topics.CHANGE_STATE,
+            ChangeState.Request(transition=Transition(label=label, id=number)),
+        ).success
 
     def ask(self, name):
         """Return whether a request succeeds, and the driver's message."""

@@ -14,7 +14,8 @@ def handlers(monkeypatch):
     """Restore the signal handlers that a process of nodes replaces."""
     # frozen objects would never be collected, because the tests do not thaw them
     monkeypatch.setattr(
-        run, 'gc', SimpleNamespace(freeze=int, unfreeze=int, collect=gc.collect))
+        run, 'gc', SimpleNamespace(freeze=int, unfreeze=int, collect=gc.collect)
+    )
     before = {number: signal.getsignal(number) for number in run.STOP_SIGNALS}
     yield
     for number, handler in before.items():

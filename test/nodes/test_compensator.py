@@ -30,7 +30,9 @@ class Neighbours(NodeBench):
     """Supervisor, estimator, sensors and ik_service in one test node."""
 
     def __init__(self, ros, parameters=None):
-        super().__init__(ros, CompensatorNode, {'correction.fade_time': 0.3} | (parameters or {}))
+        super().__init__(
+            ros, CompensatorNode, {'correction.fade_time': 0.3} | (parameters or {})
+        )
         self.corrected = self.collect(topics.CORRECTED_POSE)
         self.references = self.collect(topics.REFERENCE)
         self.statuses = self.collect(topics.GOAL_STATUS)
@@ -61,12 +63,22 @@ class Neighbours(NodeBench):
 
     def until_pose(self, pose, what, tolerance=1e-3, disturbance=ZERO_POSE):
         """Wait for a corrected pose that holds the head at a pose on the wall."""
-        self.ros.until(lambda: self.corrected and compose(disturbance, self.pose())
-                       == pytest.approx(pose, abs=tolerance), what)
+        self.ros.until(
+            lambda: (
+                self.corrected
+                and compose(disturbance, self.pose())
+                == pytest.approx(pose, abs=tolerance)
+            ),
+            what,
+        )
 
     def until_goal_status(self, message):
-        return self.ros.until(lambda: next(
-            (one for one in self.statuses if message in one.message), None), message)
+        return self.ros.until(
+            lambda: next(
+                (one for one in self.statuses if message in one.message), None
+            ),
+            message,
+        )
 
 
 @pytest.fixture
@@ -92,16 +104,28 @@ def test_goal_is_corrected_until_disabled_silent_or_tared(neighbours):
     assert reference.header.stamp in [one.header.stamp for one in neighbours.corrected]
     neighbours.tested._compensator.following.lag = 0.04
     neighbours.ros.until(
-        lambda: seconds(neighbours.references[-1].header.stamp) == pytest.approx(
-            seconds(neighbours.corrected[-1].header.stamp) + 0.04, abs=1e-6),
-        'a reference for the instant at which a lagging head is there')
-    assert planar_pose(reference.pose, 'reference') == pytest.approx(tuple(GOAL), abs=1e-6)
+        lambda: (
+            seconds(neighbours.references[-1].header.stamp)
+            == pytest.approx(
+                seconds(neighbours.corrected[-1].header.stamp) + 0.04, abs=1e-6
+            )
+        ),
+        'a reference for the instant at which a lagging head is there',
+    )
+    assert planar_pose(reference.pose, 'reference') == pytest.approx(
+        tuple(GOAL), abs=1e-6
+    )
     neighbours.until_status('correction', 'compensating', 'ok')
     assert neighbours.value('correction', 'horizon [ms]') == '60'
-    for is_enabled, direction, left in ((False, 'out', ZERO_POSE), (True, 'in', DISTURBANCE)):
+    for is_enabled, direction, left in (
+        (False, 'out', ZERO_POSE),
+        (True, 'in', DISTURBANCE),
+    ):
         reply = neighbours.call(topics.ENABLE, SetBool.Request(data=is_enabled))
         assert reply.success and f'fades {direction}' in reply.message
-        neighbours.until_pose(GOAL, f'the correction to fade {direction}', disturbance=left)
+        neighbours.until_pose(
+            GOAL, f'the correction to fade {direction}', disturbance=left
+        )
     timer.cancel()
     neighbours.until_status('correction', 'silent', 'error')
     neighbours.until_pose(GOAL, 'the goal itself')
@@ -115,20 +139,34 @@ def test_goal_is_corrected_until_disabled_silent_or_tared(neighbours):
 def test_bad_goal_is_rejected_with_value_and_bound(following):
     """Without an estimate the corrected pose equals the goal."""
     following.until_status('correction', 'no valid estimate', 'warn')
-    for count, (reason, message, pose, *more) in enumerate((
+    for count, (reason, message, pose, *more) in enumerate(
+        (
             ('not_finite', 'goal_pose x = nan', Pose(math.nan, 0.25, 0.0)),
             ('frame', "in frame 'rail', expected 'facade'", GOAL, 'rail'),
             ('stale', 's old, bound 5 s', Pose(0.0, 0.25, 0.0), 'facade', 5.5),
-            ('future', 's from the future, bound 1 s', Pose(0.0, 0.25, 0.0), 'facade', -1.5),
-            ('unreachable', 'bound 0.352 m', Pose(0.0, 0.5, 0.0)))):
+            (
+                'future',
+                's from the future, bound 1 s',
+                Pose(0.0, 0.25, 0.0),
+                'facade',
+                -1.5,
+            ),
+            ('unreachable', 'bound 0.352 m', Pose(0.0, 0.5, 0.0)),
+        )
+    ):
         following.send_goal(pose, *more)
         assert message in following.until_rejected(reason)
         assert 'rejected: ' in following.until_goal_status(message).message
-        assert following.rejection_count() == count + 1 and following.pose() == pytest.approx(GOAL)
+        assert (
+            following.rejection_count() == count + 1
+            and following.pose() == pytest.approx(GOAL)
+        )
 
 
 def test_goal_status_before_the_first_goal_is_none(neighbours):
-    status = neighbours.until_goal_status('none: no goal was received; next: send goal_pose')
+    status = neighbours.until_goal_status(
+        'none: no goal was received; next: send goal_pose'
+    )
     values = status_values(status)
     assert (values['state'], values['goal stamp']) == ('none', '')
 
@@ -148,20 +186,28 @@ def test_repetition_of_the_followed_goal_is_ignored(neighbours):
 
 @pytest.mark.parametrize(('child', 'x'), [('rail', 0.05), ('prism', 0.55)])
 def test_odometry_of_rail_or_estimator_is_accepted(ros, child, x):
-    neighbours = Neighbours(ros, {'estimate.mounting': [0.5 * (child == 'prism'), 0.0, 0.0]})
+    neighbours = Neighbours(
+        ros, {'estimate.mounting': [0.5 * (child == 'prism'), 0.0, 0.0]}
+    )
 
     def send(child=child, tilt=0.01):
         message = neighbours.stamped(Odometry(child_frame_id=child), 'facade')
         message.pose.pose = PoseMessage(
             position=Point(x=x, z=0.4),
-            orientation=Quaternion(x=math.sin(tilt / 2), w=math.cos(tilt / 2)))
+            orientation=Quaternion(x=math.sin(tilt / 2), w=math.cos(tilt / 2)),
+        )
         neighbours.publish(topics.DISTURBANCE_ODOMETRY, message)
 
     timer = neighbours.repeat(send)
     neighbours.send_goal()
     neighbours.until_pose(GOAL, 'the corrected goal', disturbance=Pose(0.05, 0.0, 0.0))
-    ros.until(lambda: neighbours.value('correction', 'left out of the estimate')
-              == 'z +400.0 mm, tilt 0.57 deg', 'the parts out of the plane')
+    ros.until(
+        lambda: (
+            neighbours.value('correction', 'left out of the estimate')
+            == 'z +400.0 mm, tilt 0.57 deg'
+        ),
+        'the parts out of the plane',
+    )
     timer.cancel()
     for reason, wrong in (('out_of_plane', {'tilt': 0.06}), ('frame', {'child': ''})):
         send(**wrong)
@@ -175,7 +221,8 @@ def test_second_driver_is_named_as_the_cause_of_silence(ros, neighbours):
     neighbours.until_goal_status('ended: the driver is silent')
     neighbours.send_goal()
     neighbours.until_goal_status(
-        'driver/status has 2 publishers (/second, /tester), bound 1; next: end one')
+        'driver/status has 2 publishers (/second, /tester), bound 1; next: end one'
+    )
     assert neighbours.rejection_count() == 1 and second.get_subscription_count() == 1
 
 
@@ -225,27 +272,38 @@ def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, du
 def test_hold_ends_the_goal_and_reports_no_other(following):
     reply = following.call(topics.HOLD)
     assert reply.success and reply.message == (
-        f'the head stays on the wall at {millimetres(GOAL)}')
+        f'the head stays on the wall at {millimetres(GOAL)}'
+    )
     following.until_goal_status('ended: compensator/hold was called')
     following.statuses.clear()
     following.publish_driver('active', since=0.0)
     following.components.clear()
     following.until_status('correction', '')
     assert not following.statuses
-    following.publish(topics.GOAL_POSE, pose_stamped('facade', 0.0, GOAL))  # not a repetition
+    following.publish(
+        topics.GOAL_POSE, pose_stamped('facade', 0.0, GOAL)
+    )  # not a repetition
     following.until_goal_status('accepted')
 
 
 def test_force_and_lateral_offset_reach_the_contact(ros):
     neighbours = Neighbours(ros, {'contact.enabled': True, 'lateral.enabled': True})
     contact = neighbours.tested._compensator.contact
-    neighbours.repeat(lambda: neighbours.press(-5.0 + 0.01 * math.sin(1e3 * neighbours.now())))
+    neighbours.repeat(
+        lambda: neighbours.press(-5.0 + 0.01 * math.sin(1e3 * neighbours.now()))
+    )
     offset = PointStamped(point=Point(x=0.02))
-    neighbours.repeat(lambda: neighbours.publish(
-        topics.LATERAL_OFFSET, neighbours.stamped(offset, 'end_effector')))
+    neighbours.repeat(
+        lambda: neighbours.publish(
+            topics.LATERAL_OFFSET, neighbours.stamped(offset, 'end_effector')
+        )
+    )
     neighbours.send_goal()
-    neighbours.until_goal_status('zero')  # of the force sensor, which is discovered first
+    neighbours.until_goal_status(
+        'zero'
+    )  # of the force sensor, which is discovered first
     ros.until(lambda: contact.pressing.zero == pytest.approx(5.0, rel=0.1), 'the zero')
     ros.until(lambda: contact.present.x > 1e-3, 'the shift along the wall')
     assert {'pressing', 'force on the wall [N]', 'desired force [N]'} <= {
-        *status_values(neighbours.statuses[-1])}
+        *status_values(neighbours.statuses[-1])
+    }

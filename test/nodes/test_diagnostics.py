@@ -16,7 +16,9 @@ def test_rejections_are_counted_and_logged_by_reason(ros, monkeypatch, capfd):
     counters = diagnostics_of(ros.node())
     for step in range(20):
         now[0] = 100.0 + step * diagnostics.LOG_PERIOD / 10.0
-        counters.reject(InputError('frame', "in frame 'map', expected 'facade'"), 'goal_pose')
+        counters.reject(
+            InputError('frame', "in frame 'map', expected 'facade'"), 'goal_pose'
+        )
         with counters.counted():
             raise STALE
     log = capfd.readouterr().err
@@ -24,8 +26,11 @@ def test_rejections_are_counted_and_logged_by_reason(ros, monkeypatch, capfd):
     with pytest.raises(ZeroDivisionError), counters.counted():
         raise ZeroDivisionError
     assert counters.rejections() == {
-        'rejected': 40, 'rejected: frame': 20, 'rejected: stale': 20,
-        'last rejection': 'setpoint is 0.300 s old, bound 0.2 s'}
+        'rejected': 40,
+        'rejected: frame': 20,
+        'rejected: stale': 20,
+        'last rejection': 'setpoint is 0.300 s old, bound 0.2 s',
+    }
 
 
 def test_changed_outcome_is_published_once(ros):

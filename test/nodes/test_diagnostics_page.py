@@ -11,7 +11,10 @@ from facade_manipulator import topics
 from facade_manipulator.nodes.messages import status_values
 
 PAGE = Path(__file__).parents[2] / 'docs/diagnostics.md'
-PARAMETERS = {'driver': {'simulate_drives': True}, 'compensator': {'contact.enabled': True}}
+PARAMETERS = {
+    'driver': {'simulate_drives': True},
+    'compensator': {'contact.enabled': True},
+}
 
 
 def sections() -> dict[str, dict[str, str]]:
@@ -22,27 +25,48 @@ def sections() -> dict[str, dict[str, str]]:
         found['' if name.startswith('#') else name] = {
             key: meaning
             for keys, meaning in re.findall(r'^\| (`.*`) \| (.*) \| .* \|$', part, re.M)
-            for key in re.findall('`([^`]+)`', keys)}
+            for key in re.findall('`([^`]+)`', keys)
+        }
     return found
 
 
 def matching(name: str, patterns) -> str | None:
     """Return the pattern that matches a name; * in a pattern is any text."""
-    return next((one for one in patterns
-                 if re.fullmatch(re.escape(one).replace(r'\*', '.+'), name)), None)
+    return next(
+        (
+            one
+            for one in patterns
+            if re.fullmatch(re.escape(one).replace(r'\*', '.+'), name)
+        ),
+        None,
+    )
 
 
 @pytest.fixture
 def published(ros):
     """Return the keys of each component of a running stack."""
     for name, make in NODES.items():
-        ros.add(make(parameter_overrides=[
-            Parameter(key, value=value) for key, value in PARAMETERS.get(name, {}).items()]))
+        ros.add(
+            make(
+                parameter_overrides=[
+                    Parameter(key, value=value)
+                    for key, value in PARAMETERS.get(name, {}).items()
+                ]
+            )
+        )
     messages = ros.collect(ros.node(), *topics.DIAGNOSTICS[:2], 100)
-    ros.until(lambda: {message.status[0].name.partition(':')[0] for message in messages}
-              == NODES.keys(), 'all nodes')
-    return {status.name: {*status_values(status)}
-            for message in messages for status in message.status}
+    ros.until(
+        lambda: (
+            {message.status[0].name.partition(':')[0] for message in messages}
+            == NODES.keys()
+        ),
+        'all nodes',
+    )
+    return {
+        status.name: {*status_values(status)}
+        for message in messages
+        for status in message.status
+    }
 
 
 def test_diagnostics_page_lists_exactly_the_published_keys(published):
@@ -51,11 +75,20 @@ def test_diagnostics_page_lists_exactly_the_published_keys(published):
     for component, keys in published.items():
         section = matching(component, page)
         assert section, f'next: add {component} to docs/diagnostics.md'
-        unknown = {key for key in keys if not matching(key, [*page[section], *every_node])}
-        assert not unknown, f'next: add these keys to {component} in docs/diagnostics.md'
-        missing = {key for key, meaning in page[section].items()
-                   if not meaning.startswith('only') and not any(matching(k, [key]) for k in keys)}
+        unknown = {
+            key for key in keys if not matching(key, [*page[section], *every_node])
+        }
+        assert not unknown, (
+            f'next: add these keys to {component} in docs/diagnostics.md'
+        )
+        missing = {
+            key
+            for key, meaning in page[section].items()
+            if not meaning.startswith('only')
+            and not any(matching(k, [key]) for k in keys)
+        }
         assert not missing, (
             f'{component}: next: remove these keys from docs/diagnostics.md, or begin their '
-            'meaning with only')
+            'meaning with only'
+        )
     assert {matching(component, page) for component in published} == page.keys()

@@ -25,9 +25,15 @@ class Sensors(NodeBench):
     """Sensors on a rail at rest, turned by a small angle, 0.45 m from its wall."""
 
     def __init__(self, ros, **parameters):
-        super().__init__(ros, DisturbanceEstimatorNode, {
-            'range_1.mounting': [-0.5, 0.0, 0.0], 'range_2.mounting': [0.5, 0.0, 0.0],
-            **parameters})
+        super().__init__(
+            ros,
+            DisturbanceEstimatorNode,
+            {
+                'range_1.mounting': [-0.5, 0.0, 0.0],
+                'range_2.mounting': [0.5, 0.0, 0.0],
+                **parameters,
+            },
+        )
         self.estimates = self.collect(topics.DISTURBANCE_ODOMETRY)
 
     def send(self, topic, message, age=0.004):
@@ -41,7 +47,9 @@ class Sensors(NodeBench):
             getattr(imu, f'{without}_covariance')[0] = -1.0
         self.send(topics.IMU, imu)
         for topic, place in ((topics.RANGE_1, -0.5), (topics.RANGE_2, 0.5)):
-            self.send(topic, Range(min_range=0.1, max_range=2.0, range=distance - place * YAW))
+            self.send(
+                topic, Range(min_range=0.1, max_range=2.0, range=distance - place * YAW)
+            )
         fix = PointStamped()
         fix.point.x = 0.03
         self.send(topics.FIX_X, fix, age=0.05)
@@ -67,7 +75,9 @@ def test_raw_sensors_give_odometry_with_covariance(sensors, capfd):
     assert 0.0 < estimate.pose.covariance[35] < 1e-5
     assert 0.0 < estimate.twist.covariance[0] < 1e-2
     for covariance in (estimate.pose.covariance, estimate.twist.covariance):
-        assert {0, 7, 35} <= {k for k, value in enumerate(covariance) if value} <= PLANAR
+        assert (
+            {0, 7, 35} <= {k for k, value in enumerate(covariance) if value} <= PLANAR
+        )
     assert sensors.now() - seconds(estimate.header.stamp) < 1.0
     sensors.until_status('motion', 'estimating', 'ok')
     sensors.until_status('sensor range_1', 'measuring', 'ok')
@@ -83,9 +93,10 @@ def test_raw_sensors_give_odometry_with_covariance(sensors, capfd):
 def test_bad_measurement_is_counted_with_its_reason(ros):
     sensors = Sensors(ros)
     for reason, spoil in (
-            ('not_measured', lambda: sensors.measure(without='angular_velocity')),
-            ('range', lambda: sensors.measure(distance=7.0)),
-            ('frame', lambda: sensors.send(topics.FIX_POSE, PoseWithCovarianceStamped()))):
+        ('not_measured', lambda: sensors.measure(without='angular_velocity')),
+        ('range', lambda: sensors.measure(distance=7.0)),
+        ('frame', lambda: sensors.send(topics.FIX_POSE, PoseWithCovarianceStamped())),
+    ):
         timer = sensors.node.create_timer(0.002, spoil)
         ros.until(lambda r=reason: sensors.value('motion', f'rejected: {r}'), reason)
         timer.cancel()
@@ -109,10 +120,29 @@ def test_unknown_axes_of_a_pose_fix_are_ignored(ros):
     sensors.until_status('motion', 'y is unknown', 'error')
 
 
-@pytest.mark.parametrize('age, used, outliers, level, message', [
-    (math.inf, 0, 0, 'ok', 'no measurement has been received'),
-    (SILENCE, 5, 5, 'warn', 'silent or rejected; next: check the sensor and `rejected: …`'),
-    (0.9 * SILENCE, 0, 0, 'ok', 'measuring'), (0.0, 5, 5, 'ok', 'measuring'),
-    (0.0, 4, 5, 'warn', 'most measurements are outliers; next: check mounting and noise')])
-def test_sensor_outcome_depends_on_age_and_outliers(age, used, outliers, level, message):
+@pytest.mark.parametrize(
+    'age, used, outliers, level, message',
+    [
+        (math.inf, 0, 0, 'ok', 'no measurement has been received'),
+        (
+            SILENCE,
+            5,
+            5,
+            'warn',
+            'silent or rejected; next: check the sensor and `rejected: …`',
+        ),
+        (0.9 * SILENCE, 0, 0, 'ok', 'measuring'),
+        (0.0, 5, 5, 'ok', 'measuring'),
+        (
+            0.0,
+            4,
+            5,
+            'warn',
+            'most measurements are outliers; next: check mounting and noise',
+        ),
+    ],
+)
+def test_sensor_outcome_depends_on_age_and_outliers(
+    age, used, outliers, level, message
+):
     assert sensor_outcome(age, used, outliers) == (level, message)

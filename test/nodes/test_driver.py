@@ -15,7 +15,11 @@ from std_srvs.srv import Trigger
 from facade_manipulator import topics
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.control_loop.process import LoopClient
-from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
+from facade_manipulator.drives.snapshot import (
+    AxisSnapshot,
+    ControllerSnapshot,
+    ControllerState,
+)
 from facade_manipulator.errors import DriveStateError
 from facade_manipulator.nodes.conversions import joint_state, stamp
 from facade_manipulator.nodes.driver_status import DriverStatus
@@ -33,8 +37,10 @@ class Bench(DriverBench):
         self.statuses = self.collect(topics.DRIVER_STATUS, depth=1)
 
     def send(self, positions):
-        self.publish(topics.JOINT_SETPOINTS, joint_state(
-            self.now() + 0.06, positions, (0.0, 0.0, 0.0)))
+        self.publish(
+            topics.JOINT_SETPOINTS,
+            joint_state(self.now() + 0.06, positions, (0.0, 0.0, 0.0)),
+        )
 
     def position(self):
         return list(self.states[-1].position) if self.states else None
@@ -44,9 +50,15 @@ class Bench(DriverBench):
 
     def until_driver(self, *state_and_next_step):
         """Wait for state and next step on driver/status; return the time of the activation [s]."""
+
         def found():
             status = self.statuses and DriverStatus.from_message(self.statuses[-1])
-            return status and (status.state, status.next_step) == state_and_next_step and status
+            return (
+                status
+                and (status.state, status.next_step) == state_and_next_step
+                and status
+            )
+
         return self.ros.until(found, f'{state_and_next_step}').active_since
 
 
@@ -58,14 +70,23 @@ def bench(ros):
 def test_drives_follow_a_stream_until_it_is_silent(bench):
     bench.bring_up()
     target = [q + 0.02 for q in HOME]
-    bench.ros.until(lambda: bench.send(target) or bench.position() == pytest.approx(
-        target, abs=1e-3), 'the end of the move')
+    bench.ros.until(
+        lambda: (
+            bench.send(target) or bench.position() == pytest.approx(target, abs=1e-3)
+        ),
+        'the end of the move',
+    )
     newest = bench.states[-1]
     assert tuple(newest.name) == CARRIAGES
     assert len(newest.velocity) == len(newest.effort) == 3
-    bench.ros.until(lambda: bench.values()['activity'] == 'holding', 'rest after the stream')
+    bench.ros.until(
+        lambda: bench.values()['activity'] == 'holding', 'rest after the stream'
+    )
     for transition, state in (
-            (None, 'active'), ('deactivate', 'inactive'), ('cleanup', 'unconfigured')):
+        (None, 'active'),
+        ('deactivate', 'inactive'),
+        ('cleanup', 'unconfigured'),
+    ):
         assert transition is None or bench.change(transition)
         assert bench.call(topics.GET_STATE).current_state.label == state
 
@@ -74,10 +95,17 @@ def test_carriage_forces_act_on_simulated_drives(bench):
     bench.bring_up()
     before = bench.states[-1].effort
     for force in (math.nan, 0.0):
-        bench.publish(topics.CARRIAGE_FORCES, JointState(
-            name=CARRIAGES, effort=[-30.0, 20.0, force]))
-    bench.ros.until(lambda: bench.states[-1].effort[0] - before[0] > 15.0
-                    and bench.states[-1].effort[1] - before[1] < -10.0, 'the forces in the effort')
+        bench.publish(
+            topics.CARRIAGE_FORCES,
+            JointState(name=CARRIAGES, effort=[-30.0, 20.0, force]),
+        )
+    bench.ros.until(
+        lambda: (
+            bench.states[-1].effort[0] - before[0] > 15.0
+            and bench.states[-1].effort[1] - before[1] < -10.0
+        ),
+        'the forces in the effort',
+    )
 
 
 def test_driver_status_publishes_each_state_and_next_step(bench, capfd):
@@ -95,12 +123,15 @@ def test_driver_status_publishes_each_state_and_next_step(bench, capfd):
     assert bench.statuses[-1].level == DiagnosticStatus.WARN
     assert not bench.change('activate')
     assert bench.message() == (
-        'halted; activate rejected: the node is active; next: clear_faults')
+        'halted; activate rejected: the node is active; next: clear_faults'
+    )
     assert bench.call(topics.CLEAR_FAULTS).success
     assert bench.until_driver('active', '') > after
     bench.disturb(1, lambda drive: drive.inject_fault(0x8611))
     bench.until_state('inactive')
-    bench.ros.until(lambda: bench.statuses[-1].level == DiagnosticStatus.ERROR, 'the error')
+    bench.ros.until(
+        lambda: bench.statuses[-1].level == DiagnosticStatus.ERROR, 'the error'
+    )
     assert 'q2' in bench.statuses[-1].message and 'q2' in bench.message()
     next_step = bench.values()['next step']
     assert bench.values()['drive faults'] == '1'
@@ -112,10 +143,15 @@ def test_early_request_is_rejected_with_the_next_step(bench, capfd):
         reply = bench.call(topics.HOME)
         assert not reply.success and 'next: configure, home, activate' in reply.message
     assert capfd.readouterr().err.count('home is not possible') == 1
-    for transition in (Transition.TRANSITION_ACTIVATE, 99, Transition.TRANSITION_CALLBACK_SUCCESS):
+    for transition in (
+        Transition.TRANSITION_ACTIVATE,
+        99,
+        Transition.TRANSITION_CALLBACK_SUCCESS,
+    ):
         assert not bench.change(number=transition)
         assert bench.message().endswith(
-            ' rejected: the node is unconfigured; next: configure, home, activate')
+            ' rejected: the node is unconfigured; next: configure, home, activate'
+        )
     assert bench.change(number=Transition.TRANSITION_CONFIGURE)
     assert bench.states == []  # not homed, so the positions are unknown
     assert not bench.change('activate')
@@ -124,7 +160,9 @@ def test_early_request_is_rejected_with_the_next_step(bench, capfd):
     bench.call(topics.HOME)
     bench.ros.until(lambda: bench.states, 'joint_states')
     bench.send([q + 0.01 for q in HOME])
-    assert 'setpoint rejected: the drives are inactive' in bench.until_rejected('inactive')
+    assert 'setpoint rejected: the drives are inactive' in bench.until_rejected(
+        'inactive'
+    )
     assert bench.position() == pytest.approx(HOME, abs=1e-4)
 
 
@@ -134,7 +172,9 @@ def test_self_test_reports_drives_and_bus(bench):
     bench.change('configure')
     reply = bench.call(topics.SELF_TEST)
     assert [status.name for status in reply.status] == ['q1', 'q2', 'q3', 'bus']
-    failed = {status.name for status in reply.status if status.level != DiagnosticStatus.OK}
+    failed = {
+        status.name for status in reply.status if status.level != DiagnosticStatus.OK
+    }
     assert failed <= {'bus'}  # a busy computer delays its cycle
     assert (reply.passed == b'\x01') == (not failed)
 
@@ -159,7 +199,10 @@ def test_configure_at_start_waits_for_the_can_interface(ros, monkeypatch):
     missing = ['the CAN interface can0 is missing or down', '']
     monkeypatch.setattr(BusSettings, 'missing', lambda bus: missing[0])
     bench = Bench(ros, {'configure_at_start': True})
-    ros.until(lambda: 'configure waits: the CAN interface can0 is' in bench.message(), 'a reason')
+    ros.until(
+        lambda: 'configure waits: the CAN interface can0 is' in bench.message(),
+        'a reason',
+    )
     assert bench.tested.state_label == 'unconfigured'
     missing.pop(0)
     bench.until_state('inactive')
@@ -167,9 +210,13 @@ def test_configure_at_start_waits_for_the_can_interface(ros, monkeypatch):
 
 def test_halt_is_answered_within_100_ms_during_configure(ros):
     bench = Bench(ros, {'simulate_drives': False, 'bus.interface': 'virtual'})
-    change, halt = (bench.node.create_client(*one) for one in (topics.CHANGE_STATE, topics.HALT))
+    change, halt = (
+        bench.node.create_client(*one) for one in (topics.CHANGE_STATE, topics.HALT)
+    )
     ros.until(lambda: change.service_is_ready() and halt.service_is_ready(), 'services')
-    configure = change.call_async(ChangeState.Request(transition=Transition(label='configure')))
+    configure = change.call_async(
+        ChangeState.Request(transition=Transition(label='configure'))
+    )
     bench.until_state('configuring')
     elapsed = 1.0
     while elapsed > 0.1:  # a busy computer delays some of the answers
@@ -180,8 +227,9 @@ def test_halt_is_answered_within_100_ms_during_configure(ros):
         assert not bench.change(number=Transition.TRANSITION_CALLBACK_SUCCESS)
         assert bench.call(topics.GET_STATE).current_state.label == 'configuring'
         assert not configure.done()
-    assert ros.call(bench.node, GetAvailableTransitions,
-                    'driver/get_available_transitions').available_transitions
+    assert ros.call(
+        bench.node, GetAvailableTransitions, 'driver/get_available_transitions'
+    ).available_transitions
     ros.until(configure.done, 'the end of configure')
     assert not configure.result().success and bench.tested.state_label == 'unconfigured'
     assert "(python-can's bus within one process" in bench.message()
@@ -191,15 +239,25 @@ def test_exception_in_a_callback_stops_the_drives(bench):
     bench.bring_up()
     bench.tested.handle_exception(ZeroDivisionError('a defect'))
     bench.until_state('inactive')
-    assert "a callback of the driver raised ZeroDivisionError('a defect')" in bench.message()
+    assert (
+        "a callback of the driver raised ZeroDivisionError('a defect')"
+        in bench.message()
+    )
 
 
 def test_each_joint_state_is_published_once(ros, monkeypatch):
     times = [0.01, 0.02, 0.02, 0.03]
-    axes = tuple(AxisSnapshot(f'q{number}', number, position=position, homed=True)
-                 for number, position in enumerate(HOME, 1))
-    monkeypatch.setattr(LoopClient, 'take_states', lambda _: [
-        ControllerSnapshot(ControllerState.INACTIVE, time, axes) for time in times])
+    axes = tuple(
+        AxisSnapshot(f'q{number}', number, position=position, homed=True)
+        for number, position in enumerate(HOME, 1)
+    )
+    monkeypatch.setattr(
+        LoopClient,
+        'take_states',
+        lambda _: [
+            ControllerSnapshot(ControllerState.INACTIVE, time, axes) for time in times
+        ],
+    )
     bench = Bench(ros)
     ros.until(lambda: len(bench.states) > 3, 'joint_states')
     stamps = [message.header.stamp for message in bench.states]
@@ -208,13 +266,19 @@ def test_each_joint_state_is_published_once(ros, monkeypatch):
 
 
 def test_second_driver_in_a_namespace_gets_no_power(ros):
-    first, second = (Bench(ros, cli_args=['--ros-args', '-r', 'driver/status:=/site/status'])
-                     for _ in range(2))
+    first, second = (
+        Bench(ros, cli_args=['--ros-args', '-r', 'driver/status:=/site/status'])
+        for _ in range(2)
+    )
     reason = 'driver/status has 2 publishers (/driver, /driver), bound 1'
-    ros.until(lambda: first.message().startswith(f'unconfigured; {reason}; next: '), 'the fault')
+    ros.until(
+        lambda: first.message().startswith(f'unconfigured; {reason}; next: '),
+        'the fault',
+    )
     for request in ('configure', 'activate'):
         with pytest.raises(DriveStateError) as rejection:
             second.tested.transitions[request]()
         assert str(rejection.value) == (
             f'{request} rejected: {reason}, and both drivers would follow the setpoints; next: '
-            f'end one of the two, then {request}')
+            f'end one of the two, then {request}'
+        )

@@ -27,15 +27,37 @@ def late(share, priority):
     return {'cycle': CycleStatistics(late_share=share), 'realtime_priority': priority}
 
 
-@pytest.mark.parametrize('changes, is_real, warnings', [
-    (late(MAX_LATE_SHARE, 50), True, []), (late(0.0, None), True, []), (late(0.0, 0), False, []),
-    (late(MAX_LATE_SHARE + 0.002, 50), True, ['late in 0.7 % of 500 cycles, bound 0.5 %', SLOW]),
-    (late(0.0, 0), True, [NO_PRIORITY, 'controller.realtime_priority', 'LimitRTPRIO']),
-    (late(0.9, 0), False, ['late in 90.0 %', SLOW, NO_PRIORITY]),
-    ({'bus': BusStatistics(overflows=1)}, True, ['is active, with 1 overflows']),
-    ({'bus': BusStatistics(condition='passive')}, True, ['is passive, with 0 overflows'])])
-def test_bus_component_warns_of_computer_priority_and_controller(changes, is_real, warnings):
-    status = bus_status(ControllerSnapshot(ControllerState.ACTIVE, 1.0, (), **changes), is_real)
+@pytest.mark.parametrize(
+    'changes, is_real, warnings',
+    [
+        (late(MAX_LATE_SHARE, 50), True, []),
+        (late(0.0, None), True, []),
+        (late(0.0, 0), False, []),
+        (
+            late(MAX_LATE_SHARE + 0.002, 50),
+            True,
+            ['late in 0.7 % of 500 cycles, bound 0.5 %', SLOW],
+        ),
+        (
+            late(0.0, 0),
+            True,
+            [NO_PRIORITY, 'controller.realtime_priority', 'LimitRTPRIO'],
+        ),
+        (late(0.9, 0), False, ['late in 90.0 %', SLOW, NO_PRIORITY]),
+        ({'bus': BusStatistics(overflows=1)}, True, ['is active, with 1 overflows']),
+        (
+            {'bus': BusStatistics(condition='passive')},
+            True,
+            ['is passive, with 0 overflows'],
+        ),
+    ],
+)
+def test_bus_component_warns_of_computer_priority_and_controller(
+    changes, is_real, warnings
+):
+    status = bus_status(
+        ControllerSnapshot(ControllerState.ACTIVE, 1.0, (), **changes), is_real
+    )
     assert status_level(status) == ('warn' if warnings else 'ok')
     assert all(warning in status.message for warning in ('open', *warnings))
     assert warnings or status.message == 'open'
@@ -43,53 +65,94 @@ def test_bus_component_warns_of_computer_priority_and_controller(changes, is_rea
 
 def test_operation_and_bus_values_have_units_of_their_keys():
     snapshot = ControllerSnapshot(
-        ControllerState.STOPPED, 1.0, (AxisSnapshot('q1', 1, homed=True), AxisSnapshot('q2', 2)),
-        (Cause('late', 'wait'), Cause('silent', '')), 'wait', ('a note', 'another'),
+        ControllerState.STOPPED,
+        1.0,
+        (AxisSnapshot('q1', 1, homed=True), AxisSnapshot('q2', 2)),
+        (Cause('late', 'wait'), Cause('silent', '')),
+        'wait',
+        ('a note', 'another'),
         CycleStatistics(7, 1, 2, 3, 0.012, 0.004),
-        BusStatistics(50, 40, 3, 2, 1, 'passive'))
+        BusStatistics(50, 40, 3, 2, 1, 'passive'),
+    )
     stream = StreamStatus('braking', 5, 6, 'too near')
     gone = bus_status(snapshot._replace(bus_error='can0 is down'))
     assert (status_level(gone), gone.message) == ('error', 'can0 is down')
     values = status_values(bus_status(snapshot)) | status_values(
-        operation_status(snapshot, stream, ('error', ''), {'version': '1'}))
+        operation_status(snapshot, stream, ('error', ''), {'version': '1'})
+    )
     expected = {
-        'cause': 'late', 'further causes': 'silent', 'notes': 'a note; another',
-        'not homed': 'q2', 'brakes': '6', 'last brake': 'too near', 'missed cycles': '1',
-        'worst lateness [ms]': '12', 'late share [%]': '0.4', 'condition': 'passive'}
+        'cause': 'late',
+        'further causes': 'silent',
+        'notes': 'a note; another',
+        'not homed': 'q2',
+        'brakes': '6',
+        'last brake': 'too near',
+        'missed cycles': '1',
+        'worst lateness [ms]': '12',
+        'late share [%]': '0.4',
+        'condition': 'passive',
+    }
     assert {key: values[key] for key in expected} == expected
 
 
 SET, STOPPED = 'software_stop was set', (Cause('q2 is late'),)
 
 
-@pytest.mark.parametrize('causes, problems, level, message', [
-    ((), ('', '', ''), 'ok', 'inactive; next: activate'),
-    ((), ('home failed; next: home', '', ''), 'warn', 'inactive; home failed; next: home'),
-    ((), ('home failed', '', SET), 'warn', f'inactive: {SET}; next: activate'),
-    ((), ('home failed', 'two drivers', SET), 'error', 'inactive; two drivers'),
-    (STOPPED, ('home failed', 'two drivers', SET), 'error',
-     'inactive: q2 is late; next: activate')])
+@pytest.mark.parametrize(
+    'causes, problems, level, message',
+    [
+        ((), ('', '', ''), 'ok', 'inactive; next: activate'),
+        (
+            (),
+            ('home failed; next: home', '', ''),
+            'warn',
+            'inactive; home failed; next: home',
+        ),
+        ((), ('home failed', '', SET), 'warn', f'inactive: {SET}; next: activate'),
+        ((), ('home failed', 'two drivers', SET), 'error', 'inactive; two drivers'),
+        (
+            STOPPED,
+            ('home failed', 'two drivers', SET),
+            'error',
+            'inactive: q2 is late; next: activate',
+        ),
+    ],
+)
 def test_driver_message_has_the_most_severe_problem(causes, problems, level, message):
     snapshot = ControllerSnapshot(
-        ControllerState.INACTIVE, 1.0, (), causes, next_step='activate')
+        ControllerState.INACTIVE, 1.0, (), causes, next_step='activate'
+    )
     assert group_outcome(snapshot, *problems) == (level, message)
 
 
-@pytest.mark.parametrize('change, level, message', [
-    ({}, 'ok', 'operation enabled'), ({'homed': False}, 'ok', 'operation enabled, not homed'),
-    ({'warning': 'it warns: warm'}, 'warn', 'operation enabled; it warns: warm'),
-    ({'statusword': 0x0008}, 'error', 'in fault, the drive sent no error code'),
-    ({'statusword': 0x0008, 'error': 'following error (8611h)'}, 'error', '8611h'),
-    # diagnostic_aggregator reports a stale component beside others as an error
-    ({'statusword': None}, 'ok', 'no frame received yet'),
-    ({'statusword': None, 'missed': 3}, 'stale', 'no frame received yet'),
-    ({'is_silent': True}, 'stale', 'silent: these values are old; before: operation enabled')])
+@pytest.mark.parametrize(
+    'change, level, message',
+    [
+        ({}, 'ok', 'operation enabled'),
+        ({'homed': False}, 'ok', 'operation enabled, not homed'),
+        ({'warning': 'it warns: warm'}, 'warn', 'operation enabled; it warns: warm'),
+        ({'statusword': 0x0008}, 'error', 'in fault, the drive sent no error code'),
+        ({'statusword': 0x0008, 'error': 'following error (8611h)'}, 'error', '8611h'),
+        # diagnostic_aggregator reports a stale component beside others as an error
+        ({'statusword': None}, 'ok', 'no frame received yet'),
+        ({'statusword': None, 'missed': 3}, 'stale', 'no frame received yet'),
+        (
+            {'is_silent': True},
+            'stale',
+            'silent: these values are old; before: operation enabled',
+        ),
+    ],
+)
 def test_drive_component_has_the_level_of_its_state(change, level, message):
     axis = AxisSnapshot('q2', 2, 0x0637, 0.25, -0.1, homed=True)._replace(**change)
     status = axis_status(axis)
     assert status_level(status) == level and message in status.message
     values = status_values(status)
     assert (values['position [m]'], values['velocity [m/s]']) == ('0.25', '-0.1')
-    assert values['statusword'] == ('-' if axis.statusword is None else f'{axis.statusword:04X}h')
-    assert [axis_status(axis._replace(serial_number=number)).hardware_id
-            for number in (None, 77)] == ['node 2', '77']
+    assert values['statusword'] == (
+        '-' if axis.statusword is None else f'{axis.statusword:04X}h'
+    )
+    assert [
+        axis_status(axis._replace(serial_number=number)).hardware_id
+        for number in (None, 77)
+    ] == ['node 2', '77']

@@ -19,7 +19,10 @@ IDLE = DriverStatus('inactive', 'holding', 'activate')
 @pytest.mark.parametrize('step', [0.0, 600.0])
 def test_only_goals_after_the_activation_may_move(ros, step):
     """The system clock is set back by `step` [s], so the activation is in the future."""
-    node, publisher = ros.node(), ros.node('driver').create_publisher(*topics.DRIVER_STATUS)
+    node, publisher = (
+        ros.node(),
+        ros.node('driver').create_publisher(*topics.DRIVER_STATUS),
+    )
     watch = DriverWatch(node, PublisherWatch(node, diagnostics_of(node)), lambda: None)
 
     def receive(status):
@@ -32,7 +35,11 @@ def test_only_goals_after_the_activation_may_move(ros, step):
     before, active = monotonic(), ACTIVE._replace(active_since=ros_time() + step)
     for activity in ('holding', 'following'):
         receive(active._replace(activity=activity))
-        assert not watch.idle and watch.may_move(monotonic()) and not watch.may_move(before - 0.1)
+        assert (
+            not watch.idle
+            and watch.may_move(monotonic())
+            and not watch.may_move(before - 0.1)
+        )
 
 
 @pytest.mark.parametrize('since', ['', '?', 'nan', '-inf'])

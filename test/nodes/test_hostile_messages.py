@@ -14,8 +14,10 @@ from support import wait_until
 
 PROCESSES = {  # nodes and arguments of each
     'driver': (('driver',), '--ros-args', '-p', 'simulate_drives:=true'),
-    'manipulator': (('compensator', 'ik_service'),), 'ik_service': (('ik_service',),),
-    'disturbance_estimator': (('disturbance_estimator',),)}
+    'manipulator': (('compensator', 'ik_service'),),
+    'ik_service': (('ik_service',),),
+    'disturbance_estimator': (('disturbance_estimator',),),
+}
 FOREIGN = 'another_machine/frame'
 LONG = 100_000
 EVERY_READER = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -56,7 +58,8 @@ def leaf(kind: str, value, number: float, text: str, length: int):
     if kind.startswith('sequence<string'):
         return [text] * 3
     return {float: number, str: text}.get(
-        type(value), ENUMERATION if kind == 'uint8' else value)
+        type(value), ENUMERATION if kind == 'uint8' else value
+    )
 
 
 REQUESTS = {
@@ -70,7 +73,9 @@ REQUESTS = {
 MESSAGES = REQUESTS | {
     'malformed CDR': lambda kind: b'\x00\x01\x00\x00',
     'cut CDR': lambda kind: serialize_message(fill(kind(), 1.0, FOREIGN, 7))[:-3],
-    'wrong byte order': lambda kind: b'\x00\x00' + serialize_message(fill(kind(), 1.0, '', 3))[2:],
+    'wrong byte order': lambda kind: (
+        b'\x00\x00' + serialize_message(fill(kind(), 1.0, '', 3))[2:]
+    ),
 }
 
 
@@ -100,15 +105,29 @@ def test_no_message_or_request_ends_a_node(ros, graph):
     names, hostile, require_answers = graph
     publishers, clients = [], []
     for own in [(name, '/') for name in names]:
-        ros.until(lambda own=own: len(hostile.get_subscriber_names_and_types_by_node(*own)) > 1
-                  and len(hostile.get_service_names_and_types_by_node(*own)) > 5, 'the graph')
-        publishers += [hostile.create_publisher(interface(kinds[0]), topic, EVERY_READER) for
-                       topic, kinds in hostile.get_subscriber_names_and_types_by_node(*own)]
-        clients += [hostile.create_client(interface(kinds[0]), service) for service, kinds in
-                    hostile.get_service_names_and_types_by_node(*own)
-                    if not kinds[0].endswith('GetTypeDescription')]  # not of this package
-    ros.until(lambda: all(one.get_subscription_count() for one in publishers) and all(
-        one.service_is_ready() for one in clients), 'the subscriptions and services')
+        ros.until(
+            lambda own=own: (
+                len(hostile.get_subscriber_names_and_types_by_node(*own)) > 1
+                and len(hostile.get_service_names_and_types_by_node(*own)) > 5
+            ),
+            'the graph',
+        )
+        publishers += [
+            hostile.create_publisher(interface(kinds[0]), topic, EVERY_READER)
+            for topic, kinds in hostile.get_subscriber_names_and_types_by_node(*own)
+        ]
+        clients += [
+            hostile.create_client(interface(kinds[0]), service)
+            for service, kinds in hostile.get_service_names_and_types_by_node(*own)
+            if not kinds[0].endswith('GetTypeDescription')
+        ]  # not of this package
+    ros.until(
+        lambda: (
+            all(one.get_subscription_count() for one in publishers)
+            and all(one.service_is_ready() for one in clients)
+        ),
+        'the subscriptions and services',
+    )
     for what, content in MESSAGES.items():
         for publisher in publishers:
             publisher.publish(content(publisher.msg_type))
@@ -120,8 +139,19 @@ def test_no_message_or_request_ends_a_node(ros, graph):
 
 
 def test_numpy_computes_without_threads_in_a_node():
-    own = {name: text for name, text in os.environ.items() if name != 'OPENBLAS_NUM_THREADS'}
+    own = {
+        name: text
+        for name, text in os.environ.items()
+        if name != 'OPENBLAS_NUM_THREADS'
+    }
     threads = subprocess.check_output(
-        [sys.executable, '-c', 'import facade_manipulator.nodes, numpy, os\n'
-         'print(len(os.listdir("/proc/self/task")))'], env=own, text=True)
+        [
+            sys.executable,
+            '-c',
+            'import facade_manipulator.nodes, numpy, os\n'
+            'print(len(os.listdir("/proc/self/task")))',
+        ],
+        env=own,
+        text=True,
+    )
     assert int(threads) == 1

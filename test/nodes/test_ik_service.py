@@ -21,7 +21,12 @@ from facade_manipulator.kinematics import (
 from facade_manipulator.motion.reference import ReferenceSettings
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped
 from facade_manipulator.nodes.ik_service import IkServiceNode, LEAD
-from facade_manipulator.nodes.messages import CARRIAGES, planar_pose, seconds, status_values
+from facade_manipulator.nodes.messages import (
+    CARRIAGES,
+    planar_pose,
+    seconds,
+    status_values,
+)
 
 GEOMETRY = Geometry()
 MIDDLE = Pose(0.05, 0.25, 0.1)
@@ -36,8 +41,13 @@ class Bench(NodeBench):
         self.setpoints = self.collect(topics.JOINT_SETPOINTS)
         self.rejected_requests = self.collect(topics.REJECTIONS)
         self.heads = self.collect(topics.END_EFFECTOR_POSE)
-        ros.until(lambda: self.tested.count_subscribers('joint_setpoints') == 1
-                  and self.components, 'the graph')
+        ros.until(
+            lambda: (
+                self.tested.count_subscribers('joint_setpoints') == 1
+                and self.components
+            ),
+            'the graph',
+        )
 
     def send(self, pose, time=0.0, frame='rail'):
         self.publish(topics.CORRECTED_POSE, pose_stamped(frame, time, pose))
@@ -47,8 +57,12 @@ class Bench(NodeBench):
         self.until(lambda: self.heads, 'end_effector_pose')
 
     def solve(self, goal, start=None, tolerance=0.0):
-        return self.call(topics.SOLVE, GetPlan.Request(
-            goal=goal, start=start or PoseStamped(), tolerance=tolerance)).plan
+        return self.call(
+            topics.SOLVE,
+            GetPlan.Request(
+                goal=goal, start=start or PoseStamped(), tolerance=tolerance
+            ),
+        ).plan
 
     @property
     def is_approaching(self):
@@ -76,7 +90,9 @@ def test_stream_of_poses_becomes_positions_and_velocities(bench):
         bench.until(lambda count=k: len(bench.setpoints) > count, 'a setpoint')
     last = bench.setpoints[-1]
     assert tuple(last.name) == CARRIAGES
-    assert list(last.position) == pytest.approx(inverse_kinematics(GEOMETRY, pose), abs=1e-12)
+    assert list(last.position) == pytest.approx(
+        inverse_kinematics(GEOMETRY, pose), abs=1e-12
+    )
     assert list(last.velocity) == pytest.approx([speed] * 3, rel=1e-3)
     assert seconds(last.header.stamp) == pytest.approx(begin + 0.04, abs=1e-6)
 
@@ -86,13 +102,20 @@ def test_single_pose_is_approached_from_the_head(bench):
     bench.until_head(start)
     begin = bench.now()
     bench.send(MIDDLE)
-    bench.until(lambda: bench.setpoints and not bench.is_approaching, 'the end of the approach')
+    bench.until(
+        lambda: bench.setpoints and not bench.is_approaching, 'the end of the approach'
+    )
     times = [seconds(item.header.stamp) for item in bench.setpoints]
     q3 = [item.position[2] for item in bench.setpoints]
     assert times == sorted(times) and times[0] >= begin + LEAD
     assert (q3[0], q3[-1]) == pytest.approx((start.x, MIDDLE.x), abs=1e-3)
-    assert max((b - a) / (then - now) for (now, a), (then, b) in pairwise(
-        zip(times, q3, strict=True))) <= ReferenceSettings().speed[0] + 1e-6
+    assert (
+        max(
+            (b - a) / (then - now)
+            for (now, a), (then, b) in pairwise(zip(times, q3, strict=True))
+        )
+        <= ReferenceSettings().speed[0] + 1e-6
+    )
 
 
 def test_single_pose_is_approached_after_clock_is_set_back(bench):
@@ -100,14 +123,17 @@ def test_single_pose_is_approached_after_clock_is_set_back(bench):
     bench.send(MIDDLE, bench.now())
     bench.until(lambda: bench.setpoints and not bench.is_approaching, 'the approach')
     count = len(bench.setpoints)
-    bench.tested._followed_time += 600.0  # the previous pose was stamped before the step
+    bench.tested._followed_time += (
+        600.0  # the previous pose was stamped before the step
+    )
     bench.send(MIDDLE._replace(x=MIDDLE.x + 0.1), bench.now())
     bench.until(lambda: len(bench.setpoints) > count, 'the next setpoint')
     assert abs(bench.setpoints[count].position[2] - MIDDLE.x) < 0.01
 
 
 def test_impossible_pose_is_rejected_with_value_and_bound(bench):
-    for count, (pose, expected, *more) in enumerate((
+    for count, (pose, expected, *more) in enumerate(
+        (
             (MIDDLE._replace(x=math.nan), 'x = nan is not a finite number'),
             (MIDDLE, "in frame 'facade', expected 'rail'", 0.0, 'facade'),
             (MIDDLE, 's old, bound 5 s', bench.now() - 3600.0),
@@ -115,14 +141,20 @@ def test_impossible_pose_is_rejected_with_value_and_bound(bench):
             (MIDDLE._replace(y=0.055), 'q3 - q1'),
             (MIDDLE._replace(x=0.5), 'q2'),
             (MIDDLE._replace(y=-0.25), 'y = -0.25 m'),
-            (Pose(0.0, 0.35199, 0.0), 'conditioning index'))):
+            (Pose(0.0, 0.35199, 0.0), 'conditioning index'),
+        )
+    ):
         bench.send(pose, *more)
-        bench.until(lambda before=count: bench.rejection_count() > before, 'the rejection')
+        bench.until(
+            lambda before=count: bench.rejection_count() > before, 'the rejection'
+        )
         assert expected in bench.tested.diagnostics.last_rejection
         bench.until_status('goal', expected, 'error')
     assert bench.setpoints == []
     bench.until(
-        lambda: status_values(bench.components['goal'])['rejected: frame'] == '1', 'the counter')
+        lambda: status_values(bench.components['goal'])['rejected: frame'] == '1',
+        'the counter',
+    )
     bench.send(MIDDLE, bench.now())
     bench.until(lambda: bench.setpoints, 'a setpoint of the next pose')
     bench.until_status('goal', 'following the goals', 'ok')
@@ -130,42 +162,67 @@ def test_impossible_pose_is_rejected_with_value_and_bound(bench):
 
 def test_solve_returns_carriages_of_a_pose_or_path(bench):
     goal = Pose(-0.1, 0.28, -0.1)
-    single, path = bench.solve(rail(MIDDLE)), bench.solve(rail(goal), rail(MIDDLE), 0.002)
+    single, path = (
+        bench.solve(rail(MIDDLE)),
+        bench.solve(rail(goal), rail(MIDDLE), 0.002),
+    )
     assert {pose.header.frame_id for pose in single.poses} == {'actuator_space'}
-    for plan, expected in ((single, [inverse_kinematics(GEOMETRY, MIDDLE)]),
-                           (path, bench.tested._stream.path(MIDDLE, goal, 0.002))):
+    for plan, expected in (
+        (single, [inverse_kinematics(GEOMETRY, MIDDLE)]),
+        (path, bench.tested._stream.path(MIDDLE, goal, 0.002)),
+    ):
         points = [pose.pose.position for pose in plan.poses]
-        assert [(one.x, one.y, one.z) for one in points] == [*map(pytest.approx, expected)]
+        assert [(one.x, one.y, one.z) for one in points] == [
+            *map(pytest.approx, expected)
+        ]
 
 
 def test_rejected_solve_has_an_empty_plan_and_a_reason(bench):
     for message, goal, start, tolerance in (
-            ("'facade'", pose_stamped('facade', 0.0, MIDDLE), None, 0.0),
-            ("start is in frame 'map'", rail(MIDDLE), pose_stamped('map', 0.0, MIDDLE), 0.0),
-            ('10000 steps', rail(Pose(-0.3, 0.25, 0.0)), rail(Pose(0.3, 0.25, 0.0)), 1e-7),
-            ('b |sin', rail(Pose(0.0, 0.25, -0.25)), rail(Pose(0.0, 0.25, 0.5)), 0.0),
-            ('bound 0.352 m', rail(Pose(0.0, 0.4, 0.0), 12.25), None, 0.0)):
+        ("'facade'", pose_stamped('facade', 0.0, MIDDLE), None, 0.0),
+        (
+            "start is in frame 'map'",
+            rail(MIDDLE),
+            pose_stamped('map', 0.0, MIDDLE),
+            0.0,
+        ),
+        ('10000 steps', rail(Pose(-0.3, 0.25, 0.0)), rail(Pose(0.3, 0.25, 0.0)), 1e-7),
+        ('b |sin', rail(Pose(0.0, 0.25, -0.25)), rail(Pose(0.0, 0.25, 0.5)), 0.0),
+        ('bound 0.352 m', rail(Pose(0.0, 0.4, 0.0), 12.25), None, 0.0),
+    ):
         assert len(bench.solve(goal, start, tolerance).poses) == 0
         bench.until(lambda: bench.rejected_requests, 'the rejection')
         rejection = bench.rejected_requests.pop()
         assert message in rejection.message
     values = status_values(rejection)
     assert values.pop('quantity') and values == {
-        'goal stamp': '12.250000000', 'reason': 'unreachable', 'value': '0.4', 'bound': '0.352',
-        'unit': 'm'}
-    assert bench.tested._outcome() == ('ok', 'no goal yet')  # the requests move no carriage
+        'goal stamp': '12.250000000',
+        'reason': 'unreachable',
+        'value': '0.4',
+        'bound': '0.352',
+        'unit': 'm',
+    }
+    assert bench.tested._outcome() == (
+        'ok',
+        'no goal yet',
+    )  # the requests move no carriage
 
 
 def test_diagnostics_report_whether_goals_are_followed(bench):
     bench.publish_driver('stopped', next_step='clear_faults, activate')
-    bench.until_status('goal', 'no goal is followed: the drives are stopped; next: clear_faults, '
-                       'activate', 'warn')
+    bench.until_status(
+        'goal',
+        'no goal is followed: the drives are stopped; next: clear_faults, activate',
+        'warn',
+    )
     bench.publish_driver('active', since=bench.now())
     bench.until_status('goal', 'holding: no goal since the drives were activated', 'ok')
     bench.send(MIDDLE, bench.now())
     bench.until(lambda: bench.setpoints, 'a setpoint')
     for activity, message in (
-            ('following', 'following the goals'), ('holding', 'holding: no goal is received')):
+        ('following', 'following the goals'),
+        ('holding', 'holding: no goal is received'),
+    ):
         bench.publish_driver('active', activity, since=bench.now() - 1.0)
         bench.until_status('goal', message, 'ok')
 
@@ -179,7 +236,9 @@ def test_pose_before_the_activation_moves_nothing(bench):
     assert not bench.is_approaching
     bench.publish_driver('activating')
     since = bench.now()
-    bench.send(MIDDLE)  # right after the activation, which the driver's status reports later
+    bench.send(
+        MIDDLE
+    )  # right after the activation, which the driver's status reports later
     bench.until(lambda: bench.tested._waiting, 'the goal')
     bench.publish_driver('active', since=since)
     bench.until(lambda: bench.setpoints, 'a setpoint')
@@ -209,13 +268,19 @@ def test_joints_and_poses_have_frames_of_the_namespace(ros):
         bench.publish(topics.JOINT_STATES, carriages_at(MIDDLE, 12.5))
         bench.send(MIDDLE, frame='gondola_1/rail')
 
-    bench.until(lambda: publish() or (described and bench.heads and bench.setpoints), 'poses')
-    assert bench.tested._description._published == -math.inf  # no node subscribes to the joints
+    bench.until(
+        lambda: publish() or (described and bench.heads and bench.setpoints), 'poses'
+    )
+    assert (
+        bench.tested._description._published == -math.inf
+    )  # no node subscribes to the joints
     joints = bench.collect(topics.MECHANISM_STATES)
     bench.until(lambda: publish() or joints, 'the joints')
     assert described[0].data == urdf(GEOMETRY, 'gondola_1/')
     assert joints[0].name == [joint.name for joint in tree(GEOMETRY) if joint.name]
-    assert list(joints[0].position) == pytest.approx(positions(Mechanism(GEOMETRY), MIDDLE))
+    assert list(joints[0].position) == pytest.approx(
+        positions(Mechanism(GEOMETRY), MIDDLE)
+    )
     head = bench.heads[0]
     assert planar_pose(head.pose, 'head') == pytest.approx(MIDDLE)
     for message in (head, joints[0]):

@@ -26,15 +26,24 @@ class Connected(NodeBench):
 def test_external_subscribers_receive_the_messages_between_both_nodes(ros):
     both = Connected(ros)
     carriages = inverse_kinematics(Geometry(), GOAL)
-    both.node.create_timer(0.02, lambda: both.publish(
-        topics.JOINT_STATES, joint_state(ros_time(), carriages, (0.0, 0.0, 0.0))))
+    both.node.create_timer(
+        0.02,
+        lambda: both.publish(
+            topics.JOINT_STATES, joint_state(ros_time(), carriages, (0.0, 0.0, 0.0))
+        ),
+    )
     following = both.tested._compensator.following
-    ros.until(lambda: both.setpoints and following.newest(ros_time()), 'setpoints and head')
+    ros.until(
+        lambda: both.setpoints and following.newest(ros_time()), 'setpoints and head'
+    )
     between = topics.CORRECTED_POSE, topics.END_EFFECTOR_POSE
     assert [both.node.count_subscribers(topic.name) for topic in between] == [0, 0]
     corrected, heads = map(both.collect, between)
     ros.until(lambda: corrected and heads, 'the messages')
-    ros.until(lambda: corrected[0].header in [one.header for one in both.setpoints], 'a setpoint')
+    ros.until(
+        lambda: corrected[0].header in [one.header for one in both.setpoints],
+        'a setpoint',
+    )
 
 
 def test_second_publisher_stops_the_setpoints_of_connected_nodes(ros):
@@ -43,9 +52,14 @@ def test_second_publisher_stops_the_setpoints_of_connected_nodes(ros):
     ros.node('player').create_publisher(*topics.CORRECTED_POSE)
     diagnostics = both.ik_service.diagnostics
     # a few rejections later no setpoint of before is under way
-    ros.until(lambda: diagnostics.rejections().get('rejected: publishers', 0) > 5, 'rejections')
+    ros.until(
+        lambda: diagnostics.rejections().get('rejected: publishers', 0) > 5,
+        'rejections',
+    )
     both.setpoints.clear()
-    ros.until(lambda: diagnostics.rejections()['rejected: publishers'] > 20, 'more rejections')
+    ros.until(
+        lambda: diagnostics.rejections()['rejected: publishers'] > 20, 'more rejections'
+    )
     assert not both.setpoints
 
 
@@ -53,4 +67,6 @@ def test_remapped_topic_is_not_connected(ros):
     both = Connected(ros, '-r', 'corrected_pose:=elsewhere')
     corrected = both.collect(topics.CORRECTED_POSE._replace(name='elsewhere'))
     ros.until(lambda: len(corrected) > 5, 'corrected poses')
-    assert not both.setpoints and both.ik_service.count_subscribers('corrected_pose') == 1
+    assert (
+        not both.setpoints and both.ik_service.count_subscribers('corrected_pose') == 1
+    )

@@ -14,8 +14,11 @@ from facade_manipulator.client import ManipulatorClient, RequestRejectedError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.messages import planar_pose
 
-FILES = [word for name in ('manipulator', 'simulation')
-         for word in ('--params-file', str(config_path(f'{name}.yaml')))]
+FILES = [
+    word
+    for name in ('manipulator', 'simulation')
+    for word in ('--params-file', str(config_path(f'{name}.yaml')))
+]
 GOAL = Pose(0.05, 0.25, 0.0)
 
 
@@ -24,20 +27,33 @@ class Gondola(ManipulatorClient):
 
     def __init__(self, ros, start_process, namespace):
         self.driver, manipulator = (
-            start_process(f'facade_manipulator.nodes.{module}',
-                          '--ros-args', '-r', f'__ns:=/{namespace}', *FILES)
-            for module in ('driver', 'manipulator'))
+            start_process(
+                f'facade_manipulator.nodes.{module}',
+                '--ros-args',
+                '-r',
+                f'__ns:=/{namespace}',
+                *FILES,
+            )
+            for module in ('driver', 'manipulator')
+        )
         for process in (self.driver, manipulator):
             wait_until(
-                lambda one=process: 'ready' in one.log.read_text(), 'the start', 3 * DEADLINE)
+                lambda one=process: 'ready' in one.log.read_text(),
+                'the start',
+                3 * DEADLINE,
+            )
         super().__init__(namespace, check=lambda: ros.executor.spin_once(0.0))
-        self.heads = ros.collect(ros.node(namespace=namespace), *topics.END_EFFECTOR_POSE)
+        self.heads = ros.collect(
+            ros.node(namespace=namespace), *topics.END_EFFECTOR_POSE
+        )
         self.configure()
 
 
 def test_two_gondolas_move_stop_and_end_independently(ros, ros_domain, start_process):
     first, second = (
-        Gondola(ros, start_process, namespace) for namespace in ('gondola_1', 'gondola_2'))
+        Gondola(ros, start_process, namespace)
+        for namespace in ('gondola_1', 'gondola_2')
+    )
     with first, second:
         stop = second.node.create_publisher(Bool, 'software_stop', topics.LATEST)
         second.wait_until(stop.get_subscription_count, 'the driver of gondola_2')
@@ -46,25 +62,39 @@ def test_two_gondolas_move_stop_and_end_independently(ros, ros_domain, start_pro
             second.home()
         first.home()
         first.activate()
-        for _ in range(4):  # Fast DDS stops the interpreter of a node while a participant joins
+        for _ in range(
+            4
+        ):  # Fast DDS stops the interpreter of a node while a participant joins
             context = rclpy.Context()
             context.init(domain_id=ros_domain)
             rclpy.create_node('visitor', context=context).destroy_node()
             context.try_shutdown()
         first.go_to(GOAL, timeout=20.0)
-        assert planar_pose(first.heads[-1].pose, 'head') == pytest.approx(GOAL, abs=5e-3)
+        assert planar_pose(first.heads[-1].pose, 'head') == pytest.approx(
+            GOAL, abs=5e-3
+        )
         own = ('/gondola_1/', '/gondola_2/')
         known = {name for name, _ in first.node.get_topic_names_and_types()}
         assert {f'{name}joint_setpoints' for name in own} <= known
         assert {name for name in known if not name.startswith(own)} <= {
-            '/diagnostics', '/parameter_events', '/rosout'}
-    loop, = children(first.driver.pid)
-    os.kill(loop, signal.SIGTERM)  # systemd sends the signal to the loop and to the node
+            '/diagnostics',
+            '/parameter_events',
+            '/rosout',
+        }
+    (loop,) = children(first.driver.pid)
+    os.kill(
+        loop, signal.SIGTERM
+    )  # systemd sends the signal to the loop and to the node
     first.driver.terminate()
     wait_until(lambda: first.driver.poll() is not None, 'the end of the node')
     assert first.driver.returncode == 0
-    wait_until(lambda: not Path(f'/proc/{loop}').exists()
-               or Path(f'/proc/{loop}/stat').read_text().split()[2] == 'Z', 'the end of the loop')
+    wait_until(
+        lambda: (
+            not Path(f'/proc/{loop}').exists()
+            or Path(f'/proc/{loop}/stat').read_text().split()[2] == 'Z'
+        ),
+        'the end of the loop',
+    )
     log = first.driver.log.read_text()
     assert 'The drives have confirmed that their power is off; the bus is closed' in log
     assert 'Traceback' not in log

@@ -25,7 +25,10 @@ def test_pose_survives_conversion_to_a_message_and_back(x, y, theta, sign):
     message = pose_stamped('rail', 12.5, Pose(x, y, theta))
     q = message.pose.orientation
     q.x, q.y, q.z, q.w = (sign * value for value in (q.x, q.y, q.z, q.w))
-    assert (message.header.frame_id, messages.seconds(message.header.stamp)) == ('rail', 12.5)
+    assert (message.header.frame_id, messages.seconds(message.header.stamp)) == (
+        'rail',
+        12.5,
+    )
     back = messages.planar_pose(message.pose, 'goal')
     assert (back.x, back.y) == (x, y)
     assert math.remainder(back.theta - theta, math.tau) == pytest.approx(0.0, abs=1e-14)
@@ -34,7 +37,8 @@ def test_pose_survives_conversion_to_a_message_and_back(x, y, theta, sign):
 @given(st.integers(0, 2**31 - 1), st.integers(0, 10**9 - 1))
 def test_stamp_survives_conversion_to_seconds_and_to_text(sec, nanosec):
     assert messages.seconds(stamp(sec + nanosec * 1e-9)) == pytest.approx(
-        sec + nanosec * 1e-9, abs=1e-6)
+        sec + nanosec * 1e-9, abs=1e-6
+    )
     whole, part = messages.stamp_text(Time(sec=sec, nanosec=nanosec)).split('.')
     assert (int(whole), int(part), len(part)) == (sec, nanosec, 9)
 
@@ -42,12 +46,27 @@ def test_stamp_survives_conversion_to_seconds_and_to_text(sec, nanosec):
 @given(st.builds(Pose, lengths, lengths, angles), angles, st.floats(0.0, 0.2), lengths)
 def test_tilted_pose_is_projected_into_the_plane(place, direction, tilt, height):
     """Rotate a pose about z, then tilt it about an axis in the plane."""
-    turn, half = (math.cos(place.theta / 2), math.sin(place.theta / 2)), math.sin(tilt / 2)
-    ax, ay, w = half * math.cos(direction), half * math.sin(direction), math.cos(tilt / 2)
+    turn, half = (
+        (math.cos(place.theta / 2), math.sin(place.theta / 2)),
+        math.sin(tilt / 2),
+    )
+    ax, ay, w = (
+        half * math.cos(direction),
+        half * math.sin(direction),
+        math.cos(tilt / 2),
+    )
     found, out_of_plane = messages.projected(
-        PoseMessage(position=Point(x=place.x, y=place.y, z=height), orientation=Quaternion(
-            x=ax * turn[0] + ay * turn[1], y=ay * turn[0] - ax * turn[1], z=w * turn[1],
-            w=w * turn[0])), 'disturbance')
+        PoseMessage(
+            position=Point(x=place.x, y=place.y, z=height),
+            orientation=Quaternion(
+                x=ax * turn[0] + ay * turn[1],
+                y=ay * turn[0] - ax * turn[1],
+                z=w * turn[1],
+                w=w * turn[0],
+            ),
+        ),
+        'disturbance',
+    )
     assert found == pytest.approx(place, abs=1e-9)
     assert out_of_plane == pytest.approx((height, tilt), abs=1e-7)
 
@@ -55,8 +74,11 @@ def test_tilted_pose_is_projected_into_the_plane(place, direction, tilt, height)
 @given(st.permutations(['q1', 'q2', 'q3']))
 def test_carriages_are_found_by_name_in_any_order(names):
     values = {'q1': -0.1, 'q2': 0.2, 'q3': 0.3}
-    assert messages.carriages_from(
-        names, [values[name] for name in names], 'p') == (-0.1, 0.2, 0.3)
+    assert messages.carriages_from(names, [values[name] for name in names], 'p') == (
+        -0.1,
+        0.2,
+        0.3,
+    )
 
 
 def pose(**parts):
@@ -67,21 +89,48 @@ def carriages(names, values):
     return lambda: messages.carriages_from(names, values, 'setpoint position')
 
 
-@pytest.mark.parametrize('read, reason, message', [
-    (pose(position=Point(x=math.nan)), 'not_finite', 'goal x = nan'),
-    (pose(position=Point(z=math.inf)), 'not_finite', 'goal z = inf'),
-    (pose(orientation=Quaternion(w=math.nan)), 'not_finite', 'orientation.w = nan'),
-    (pose(position=Point(z=0.01)), 'out_of_plane', 'z = 0.01 m'),
-    (pose(orientation=Quaternion(x=0.1, w=math.sqrt(0.99))), 'out_of_plane', '0.2003 rad'),
-    (pose(orientation=Quaternion(w=0.0)), 'quaternion', 'norm 0'),
-    (pose(orientation=Quaternion(z=1.0, w=1.0)), 'quaternion', 'norm 1.41421'),
-    (lambda: messages.seconds(Time(sec=1, nanosec=10 ** 9)), 'malformed', 'bound 1000000000 ns'),
-    (lambda: messages.require_frame('map', 'rail', 'goal'), 'frame',
-     "goal is in frame 'map', expected 'rail'"),
-    (carriages(['q1', 'q2'], [0.0] * 2), 'names', 'expected each of q1, q2, q3 once'),
-    (carriages(['q1', 'q2', 'q2'], [0.0] * 3), 'names', r"names \['q1', 'q2', 'q2'\]"),
-    (carriages(['q1', 'q2', 'q3'], [0.0] * 2), 'names', '2 values for 3 names'),
-    (carriages(['q1', 'q2', 'q3'], [0.0, math.nan, 0.0]), 'not_finite', 'of q2 = nan')])
+@pytest.mark.parametrize(
+    'read, reason, message',
+    [
+        (pose(position=Point(x=math.nan)), 'not_finite', 'goal x = nan'),
+        (pose(position=Point(z=math.inf)), 'not_finite', 'goal z = inf'),
+        (pose(orientation=Quaternion(w=math.nan)), 'not_finite', 'orientation.w = nan'),
+        (pose(position=Point(z=0.01)), 'out_of_plane', 'z = 0.01 m'),
+        (
+            pose(orientation=Quaternion(x=0.1, w=math.sqrt(0.99))),
+            'out_of_plane',
+            '0.2003 rad',
+        ),
+        (pose(orientation=Quaternion(w=0.0)), 'quaternion', 'norm 0'),
+        (pose(orientation=Quaternion(z=1.0, w=1.0)), 'quaternion', 'norm 1.41421'),
+        (
+            lambda: messages.seconds(Time(sec=1, nanosec=10**9)),
+            'malformed',
+            'bound 1000000000 ns',
+        ),
+        (
+            lambda: messages.require_frame('map', 'rail', 'goal'),
+            'frame',
+            "goal is in frame 'map', expected 'rail'",
+        ),
+        (
+            carriages(['q1', 'q2'], [0.0] * 2),
+            'names',
+            'expected each of q1, q2, q3 once',
+        ),
+        (
+            carriages(['q1', 'q2', 'q2'], [0.0] * 3),
+            'names',
+            r"names \['q1', 'q2', 'q2'\]",
+        ),
+        (carriages(['q1', 'q2', 'q3'], [0.0] * 2), 'names', '2 values for 3 names'),
+        (
+            carriages(['q1', 'q2', 'q3'], [0.0, math.nan, 0.0]),
+            'not_finite',
+            'of q2 = nan',
+        ),
+    ],
+)
 def test_invalid_content_is_rejected_with_its_value(read, reason, message):
     with pytest.raises(InputError, match=message) as rejection:
         read()
@@ -90,8 +139,10 @@ def test_invalid_content_is_rejected_with_its_value(read, reason, message):
 
 @given(st.lists(st.text(max_size=50), max_size=20).map('\n'.join))
 def test_long_foreign_text_is_shortened_in_a_rejection(text):
-    for reject in (lambda: messages.require_frame(f'{text}!', 'rail', 'goal'),
-                   carriages([text] * 99, [0.0] * 99)):
+    for reject in (
+        lambda: messages.require_frame(f'{text}!', 'rail', 'goal'),
+        carriages([text] * 99, [0.0] * 99),
+    ):
         with pytest.raises(InputError) as rejection:
             reject()
         assert len(str(rejection.value)) < 350 and str(rejection.value).isprintable()
@@ -99,7 +150,11 @@ def test_long_foreign_text_is_shortened_in_a_rejection(text):
 
 def test_wrench_out_of_the_plane_is_ignored():
     message = WrenchStamped()
-    message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = 1.0, 2.0, 9.0
+    message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = (
+        1.0,
+        2.0,
+        9.0,
+    )
     message.wrench.torque.x, message.wrench.torque.z = 9.0, 3.0
     assert messages.planar_wrench(message) == (1.0, 2.0, 3.0)
 
@@ -109,14 +164,22 @@ def test_disturbance_is_broadcast_in_frames_of_the_namespace(ros, monkeypatch):
     node = ros.node(namespace='/gondola_1')
     conversions.FacadeTransform(node).publish(0.0, Pose(0.0, 0.0, 0.0))
     assert '/tf' not in {one.topic_name for one in node.publishers}
-    monkeypatch.setattr(conversions, 'import_module', lambda _: SimpleNamespace(
-        TFMessage=TransformStamped))
+    monkeypatch.setattr(
+        conversions,
+        'import_module',
+        lambda _: SimpleNamespace(TFMessage=TransformStamped),
+    )
     transform = conversions.FacadeTransform(node)
     transform._message = lambda transforms: transforms[0]
     sent = ros.collect(ros.node('listener'), TransformStamped, '/tf', 100)
-    ros.until(lambda: transform.publish(12.5, Pose(0.1, 0.2, 1.0)) or sent, 'the transform')
+    ros.until(
+        lambda: transform.publish(12.5, Pose(0.1, 0.2, 1.0)) or sent, 'the transform'
+    )
     header, body = sent[0].header, sent[0].transform
-    assert (header.frame_id, sent[0].child_frame_id, messages.seconds(header.stamp)) == (
-        'gondola_1/facade', 'gondola_1/rail', 12.5)
+    assert (
+        header.frame_id,
+        sent[0].child_frame_id,
+        messages.seconds(header.stamp),
+    ) == ('gondola_1/facade', 'gondola_1/rail', 12.5)
     assert (body.translation.x, body.translation.y) == (0.1, 0.2)
     assert body.rotation.z == pytest.approx(math.sin(0.5))

@@ -17,37 +17,82 @@ from facade_manipulator.nodes.parameters import reject_unknown_parameters
 DRIVER = '/**/driver: {ros__parameters: {%s}}'
 
 
-@pytest.mark.parametrize('content, argument, message', [
-    (DRIVER % 'limits: {speed: 0.3}, use_sim_time: false', '', ''),
-    ('driver: {ros__parameters: {limits.speed: 0.3}}', 'limits.speed:=0.3', ''),
-    ('/*/driver: {ros__parameters: {qos_overrides: {/tf: {publisher: {depth: 3}}}}}', '', ''),
-    ('/**: {ros__parameters: {geometry: {link_length: 0.3}}}', 'geometry.link_length:=3e-1', ''),
-    # the other process checks this section
-    ('/**/compensator: {ros__parameters: {whatever: 3}}', '', ''),
-    ('/**: {ros__parameters: {weather: fine}}', '', "log: .* no parameter 'weather'"),
-    (DRIVER % 'limits: {sped: 0.3}', '',
-     "no parameter 'limits.sped': did you mean 'limits.speed'?"),
-    ('/**/ik_service: {ros__parameters: {rate: 1.0}}', '', "ik_service has no parameter 'rate'"),
-    ('/**: {ros__parameters: {geometry: {link_lenght: 0.3}}}', '',
-     "no parameter 'geometry.link_lenght': did you mean 'geometry.link_length'?"),
-    ('/**/drivr: {ros__parameters: {rate: 1.0}}', '', "no node is called 'drivr'"),
-    ('{}', 'nonsense:=1', "no parameter 'nonsense'"),
-    ('{}', 'ik_service:rate:=1', "no parameter 'rate'"),
-    ('{}', 'drivr:rate:=1', "no node is called 'drivr'"),
-    ('/**: {ros__parameters: {geometry: {link_length: 0.4}}}\n'  # -p overrides it
-     f'{DRIVER}' % 'limits.speed: 0.3', 'limits.speed:=0.2', ' has no effect on driver'),
-    (DRIVER % 'limits.speed: 0.3', 'driver:limits.speed:=0.2', ' has no effect on driver'),
-    ('driver: {ros__parameters: {limits.speed: 0.3}}', 'driver:limits.speed:=0.3',
-     'not apply to /gondola_1/driver; next: rename it to /**/driver')])
+@pytest.mark.parametrize(
+    'content, argument, message',
+    [
+        (DRIVER % 'limits: {speed: 0.3}, use_sim_time: false', '', ''),
+        ('driver: {ros__parameters: {limits.speed: 0.3}}', 'limits.speed:=0.3', ''),
+        (
+            '/*/driver: {ros__parameters: {qos_overrides: {/tf: {publisher: {depth: 3}}}}}',
+            '',
+            '',
+        ),
+        (
+            '/**: {ros__parameters: {geometry: {link_length: 0.3}}}',
+            'geometry.link_length:=3e-1',
+            '',
+        ),
+        # the other process checks this section
+        ('/**/compensator: {ros__parameters: {whatever: 3}}', '', ''),
+        (
+            '/**: {ros__parameters: {weather: fine}}',
+            '',
+            "log: .* no parameter 'weather'",
+        ),
+        (
+            DRIVER % 'limits: {sped: 0.3}',
+            '',
+            "no parameter 'limits.sped': did you mean 'limits.speed'?",
+        ),
+        (
+            '/**/ik_service: {ros__parameters: {rate: 1.0}}',
+            '',
+            "ik_service has no parameter 'rate'",
+        ),
+        (
+            '/**: {ros__parameters: {geometry: {link_lenght: 0.3}}}',
+            '',
+            "no parameter 'geometry.link_lenght': did you mean 'geometry.link_length'?",
+        ),
+        ('/**/drivr: {ros__parameters: {rate: 1.0}}', '', "no node is called 'drivr'"),
+        ('{}', 'nonsense:=1', "no parameter 'nonsense'"),
+        ('{}', 'ik_service:rate:=1', "no parameter 'rate'"),
+        ('{}', 'drivr:rate:=1', "no node is called 'drivr'"),
+        (
+            '/**: {ros__parameters: {geometry: {link_length: 0.4}}}\n'  # -p overrides it
+            f'{DRIVER}' % 'limits.speed: 0.3',
+            'limits.speed:=0.2',
+            ' has no effect on driver',
+        ),
+        (
+            DRIVER % 'limits.speed: 0.3',
+            'driver:limits.speed:=0.2',
+            ' has no effect on driver',
+        ),
+        (
+            'driver: {ros__parameters: {limits.speed: 0.3}}',
+            'driver:limits.speed:=0.3',
+            'not apply to /gondola_1/driver; next: rename it to /**/driver',
+        ),
+    ],
+)
 def test_unknown_or_ineffective_parameter_is_rejected_with_nearest_name(
-        ros, tmp_path, capfd, content, argument, message):
+    ros, tmp_path, capfd, content, argument, message
+):
     file = tmp_path / 'parameters.yaml'
     file.write_text(content)
-    args = ['--ros-args', '--params-file', str(file), *(('-p', argument) if argument else ())]
+    args = [
+        '--ros-args',
+        '--params-file',
+        str(file),
+        *(('-p', argument) if argument else ()),
+    ]
     # which is the driver if there is no name
     namespace = '/gondola_1' * argument.startswith('driver:')
-    driver, ik_service = (ros.node(name, namespace=namespace, cli_args=args)
-                          for name in ('driver', 'ik_service'))
+    driver, ik_service = (
+        ros.node(name, namespace=namespace, cli_args=args)
+        for name in ('driver', 'ik_service')
+    )
     for name in ('limits.speed', 'limits.jerk', 'rate'):
         driver.declare_parameter(name, 1.0)
     ik_service.declare_parameter('geometry.link_length', 1.0)
@@ -66,15 +111,32 @@ def test_shipped_parameter_file_starts_every_node(ros, name):
     reject_unknown_parameters([node], args)
 
 
-@pytest.mark.parametrize('node, argument, message', [
-    ('driver', 'nonsense:=1', "no parameter 'nonsense'"),
-    ('driver', 'limits.speed:=-1.0', 'limits.speed = -1 m/s is below its minimum 0.001 m/s\n'),
-    ('driver', 'controller.rate:=300', 'controller.rate = 300 Hz'),
-    ('driver', 'axes.max_speed:=0.3', 'limits.speed = 0.5 m/s is above axes.max_speed'),
-    ('ik_service', 'use_sim_time:=true', 'use_sim_time rejected: true, required is false'),
-    ('ik_service', '/nowhere.yaml', 'nowhere.yaml')])
+@pytest.mark.parametrize(
+    'node, argument, message',
+    [
+        ('driver', 'nonsense:=1', "no parameter 'nonsense'"),
+        (
+            'driver',
+            'limits.speed:=-1.0',
+            'limits.speed = -1 m/s is below its minimum 0.001 m/s\n',
+        ),
+        ('driver', 'controller.rate:=300', 'controller.rate = 300 Hz'),
+        (
+            'driver',
+            'axes.max_speed:=0.3',
+            'limits.speed = 0.5 m/s is above axes.max_speed',
+        ),
+        (
+            'ik_service',
+            'use_sim_time:=true',
+            'use_sim_time rejected: true, required is false',
+        ),
+        ('ik_service', '/nowhere.yaml', 'nowhere.yaml'),
+    ],
+)
 def test_wrong_parameter_ends_start_with_status_2(
-        ros_domain, handlers, capfd, node, argument, message):
+    ros_domain, handlers, capfd, node, argument, message
+):
     option = '--params-file' if argument.endswith('.yaml') else '-p'
     assert run.run(lambda: [NODES[node]()], ['--ros-args', option, argument]) == 2
     printed = capfd.readouterr().err
@@ -88,26 +150,39 @@ def test_live_limit_is_described_checked_and_applied(ros, capfd):
     assert descriptor.description.endswith(' [m/s]') and not descriptor.read_only
     assert descriptor.additional_constraints == '0.001 to 5 m/s'
     for name, value, message in (
-            ('limits.speed', 0.61, 'limits.speed = 0.61 m/s is above axes.max_speed = 0.6 m/s'),
-            ('limits.jerk', 1.0, 'jerk = 1 m/s^3 is below acceleration = 3 m/s^2'),
-            ('limits.speed', 'much', 'expected'), ('controller.rate', 200, 'read-only')):
+        (
+            'limits.speed',
+            0.61,
+            'limits.speed = 0.61 m/s is above axes.max_speed = 0.6 m/s',
+        ),
+        ('limits.jerk', 1.0, 'jerk = 1 m/s^3 is below acceleration = 3 m/s^2'),
+        ('limits.speed', 'much', 'expected'),
+        ('controller.rate', 200, 'read-only'),
+    ):
         before = driver.get_parameter(name).value
-        result, = driver.set_parameters([Parameter(name, value=value)])
+        (result,) = driver.set_parameters([Parameter(name, value=value)])
         assert not result.successful and message in result.reason
         assert driver.get_parameter(name).value == before
     changes = {'limits.speed': 0.1, 'limits.acceleration': 0.2}
     assert driver.set_parameters_atomically(
-        [Parameter(name, value=value) for name, value in changes.items()]).successful
-    assert capfd.readouterr().err.count('limits of motion changed to 0.1 m/s, 0.2 m/s^2, ') == 1
+        [Parameter(name, value=value) for name, value in changes.items()]
+    ).successful
+    assert (
+        capfd.readouterr().err.count('limits of motion changed to 0.1 m/s, 0.2 m/s^2, ')
+        == 1
+    )
     follower = driver._loop._process.loop.follower
-    wait_until(lambda: follower._limiter.limits == MotionLimits(0.1, 0.2), 'the new limits')
+    wait_until(
+        lambda: follower._limiter.limits == MotionLimits(0.1, 0.2), 'the new limits'
+    )
 
 
 def test_live_contact_force_and_arrival_reach_the_compensator(ros):
     node = ros.add(CompensatorNode())
     changes = {'contact.force': 20.0, 'arrival.distance': 0.01, 'lateral.enabled': True}
     results = node.set_parameters(
-        [Parameter(name, value=value) for name, value in changes.items()])
+        [Parameter(name, value=value) for name, value in changes.items()]
+    )
     assert [result.reason for result in results] == [''] * len(changes)
     assert node._compensator.contact.pressing.settings.force == 20.0
     assert node._progress.watch.settings.distance == 0.01

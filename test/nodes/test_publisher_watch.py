@@ -18,14 +18,21 @@ class Inputs:
     """Node with one input topic, and its received messages."""
 
     def __init__(self, ros, arguments=()):
-        self.node, self.received, self.changes = ros.node('ik_service', cli_args=arguments), [], []
+        self.node, self.received, self.changes = (
+            ros.node('ik_service', cli_args=arguments),
+            [],
+            [],
+        )
         self.diagnostics = diagnostics_of(self.node)
         self.watch = PublisherWatch(
-            self.node, self.diagnostics, lambda: self.changes.append(self.watch.fault))
+            self.node, self.diagnostics, lambda: self.changes.append(self.watch.fault)
+        )
         self.watch.subscribe(JOINT_STATES, self.received.append)
 
 
-@pytest.mark.parametrize('topic', [JOINT_STATES, JOINT_STATES._replace(name='/site/states')])
+@pytest.mark.parametrize(
+    'topic', [JOINT_STATES, JOINT_STATES._replace(name='/site/states')]
+)
 def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros, topic):
     inputs = Inputs(ros, ['--ros-args', '-r', f'{NAME}:={topic.name}'])
     driver, foreign = ros.node('driver'), ros.node('foreign')
@@ -37,9 +44,13 @@ def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros, topic):
     ros.until(theirs.get_subscription_count, 'the subscription of the second')
     for publisher in (theirs, ours, theirs):
         publisher.publish(JointState())
-    ros.until(lambda: inputs.diagnostics.rejections()['rejected'] == 3, 'three rejections')
-    fault = (f'{NAME} has 2 publishers (/driver, /foreign), bound 1; '
-             'next: end one of the nodes, or wait 20 s if one has crashed')
+    ros.until(
+        lambda: inputs.diagnostics.rejections()['rejected'] == 3, 'three rejections'
+    )
+    fault = (
+        f'{NAME} has 2 publishers (/driver, /foreign), bound 1; '
+        'next: end one of the nodes, or wait 20 s if one has crashed'
+    )
     ros.until(lambda: inputs.watch.fault == fault, 'both names')
     with pytest.raises(InputError, match=re.escape(f'joint_states rejected: {fault}')):
         inputs.watch.require_sole(NAME)
@@ -54,7 +65,10 @@ def test_best_effort_publisher_is_reported_until_a_message(ros):
     inputs, driver = Inputs(ros), ros.node('driver')
     made = driver.create_publisher(*JOINT_STATES._replace(qos=SENSOR))
     ros.until(lambda: inputs.diagnostics.last_rejection, 'the rejection')
-    assert 'joint_states has an incompatible publisher' in inputs.diagnostics.last_rejection
+    assert (
+        'joint_states has an incompatible publisher'
+        in inputs.diagnostics.last_rejection
+    )
     assert inputs.watch.fault_of(NAME) == inputs.diagnostics.last_rejection
     driver.destroy_publisher(made)
     reliable = driver.create_publisher(*JOINT_STATES)
@@ -63,16 +77,29 @@ def test_best_effort_publisher_is_reported_until_a_message(ros):
     ros.until(lambda: not inputs.watch.fault_of(NAME), 'the message')
 
 
-@pytest.mark.parametrize('name, component, topic', [
-    ('driver', 'operation', topics.JOINT_SETPOINTS), ('ik_service', 'goal', topics.CORRECTED_POSE),
-    ('ik_service', 'goal', JOINT_STATES), ('compensator', 'correction', topics.GOAL_POSE),
-    ('disturbance_estimator', 'motion', topics.RANGE_1)])
+@pytest.mark.parametrize(
+    'name, component, topic',
+    [
+        ('driver', 'operation', topics.JOINT_SETPOINTS),
+        ('ik_service', 'goal', topics.CORRECTED_POSE),
+        ('ik_service', 'goal', JOINT_STATES),
+        ('compensator', 'correction', topics.GOAL_POSE),
+        ('disturbance_estimator', 'motion', topics.RANGE_1),
+    ],
+)
 def test_second_publisher_of_an_input_is_an_error(ros, name, component, topic):
-    bench, made = NodeBench(ros, NODES[name]), ros.node('player').create_publisher(*topic)
+    bench, made = (
+        NodeBench(ros, NODES[name]),
+        ros.node('player').create_publisher(*topic),
+    )
     ros.until(made.get_subscription_count, 'the subscription')
     bench.publish(topic, topic.type())
-    bench.until_status(component, f'{topic.name} has 2 publishers (/player, /tester)', 'error')
+    bench.until_status(
+        component, f'{topic.name} has 2 publishers (/player, /tester)', 'error'
+    )
     made.publish(topic.type())
     ros.until(
-        lambda: 'has 2 publishers' in bench.tested.diagnostics.last_rejection, 'the rejection')
+        lambda: 'has 2 publishers' in bench.tested.diagnostics.last_rejection,
+        'the rejection',
+    )
     assert 'rejected: publishers' in bench.tested.diagnostics.rejections()

@@ -34,9 +34,13 @@ def node_with(callback, period=0.01, make=rclpy.create_node, receive=None, **hoo
 
     The node publishes and receives messages on `sent` if `receive` is given.
     """
+
     def make_nodes():
         node = make('ending')
-        node.diagnostics, node.timer = diagnostics_of(node), node.create_timer(period, callback)
+        node.diagnostics, node.timer = (
+            diagnostics_of(node),
+            node.create_timer(period, callback),
+        )
         for hook, function in hooks.items():
             setattr(node, hook, function)
         if receive:
@@ -68,7 +72,9 @@ def failing(count):
 @pytest.mark.parametrize('number', run.STOP_SIGNALS)
 def test_signal_closes_an_idle_node_while_ros_runs(executor, capfd, number):
     closed = []
-    make_nodes, _ = node_with(int, period=100.0, close=lambda: closed.append(rclpy.ok()))
+    make_nodes, _ = node_with(
+        int, period=100.0, close=lambda: closed.append(rclpy.ok())
+    )
     Timer(0.3, end_process, [number]).start()
     begin = time.monotonic()
     assert run.run(make_nodes, []) == 0
@@ -85,10 +91,13 @@ def test_second_signal_ends_a_node_that_cannot_keep_up(executor, ros_domain):
 
     has_ended, closed = Event(), []
     make_nodes, _ = node_with(
-        int, receive=lambda _: time.sleep(0.02), close=lambda: closed.append(rclpy.ok()))
+        int, receive=lambda _: time.sleep(0.02), close=lambda: closed.append(rclpy.ok())
+    )
     context = rclpy.Context()
     context.init(domain_id=ros_domain)
-    publisher = rclpy.create_node('fast', context=context).create_publisher(Empty, 'sent', 10)
+    publisher = rclpy.create_node('fast', context=context).create_publisher(
+        Empty, 'sent', 10
+    )
     sender = Thread(target=flood)
     sender.start()
     for delay in (1.0, 2.0, 3.0):
@@ -111,7 +120,8 @@ def test_signal_during_the_start_ends_the_process(ros_domain, handlers):
 
 def test_shutdown_transition_ends_the_process(ros_domain, handlers):
     make_nodes, nodes = node_with(
-        lambda: nodes[0].timer.cancel() or nodes[0].trigger_shutdown(), make=ManagedNode)
+        lambda: nodes[0].timer.cancel() or nodes[0].trigger_shutdown(), make=ManagedNode
+    )
     assert run.run(make_nodes, []) == 0
 
 
@@ -121,7 +131,9 @@ def test_end_of_ros_without_a_signal_is_a_failure(executor, capfd):
 
 
 @pytest.mark.parametrize('is_own', [True, False])
-def test_exception_is_counted_and_the_node_continues(executor, monkeypatch, capfd, is_own):
+def test_exception_is_counted_and_the_node_continues(
+    executor, monkeypatch, capfd, is_own
+):
     """The node reacts to an exception of its callback."""
     if is_own:
         monkeypatch.setattr(run, 'OWN_CODE', os.path.dirname(__file__))
@@ -135,10 +147,14 @@ def test_exception_is_counted_and_the_node_continues(executor, monkeypatch, capf
 
 
 @pytest.mark.parametrize('period', [10.0, 0.01])
-def test_ten_exceptions_in_ten_seconds_end_the_node(executor, monkeypatch, capfd, period):
+def test_ten_exceptions_in_ten_seconds_end_the_node(
+    executor, monkeypatch, capfd, period
+):
     monkeypatch.setattr(run, 'EXCEPTION_PERIOD', period)
     closed = []
-    make_nodes, _ = node_with(failing(2 * run.MOST_EXCEPTIONS), close=lambda: closed.append(True))
+    make_nodes, _ = node_with(
+        failing(2 * run.MOST_EXCEPTIONS), close=lambda: closed.append(True)
+    )
     if period < 1.0:
         assert run.run(make_nodes, []) == 0
     else:
@@ -155,7 +171,7 @@ def test_messages_after_an_exception_are_received(executor):
             raise ZeroDivisionError('a defect')
 
     def publish():
-        node, = nodes
+        (node,) = nodes
         if len(received) == 4:
             end_process()
         elif not received and node.sent.get_subscription_count():
@@ -167,10 +183,17 @@ def test_messages_after_an_exception_are_received(executor):
     assert run.run(make_nodes, []) == 0
 
 
-@pytest.mark.parametrize('arguments, status, text', [
-    (['--help'], 0, '--params-file'), (['--bogus'], 2, 'unrecognized arguments: --bogus'),
-    (['--ros-args', '-p', 'a:=1', '--', 'more'], 2, 'unrecognized arguments: more')])
-def test_arguments_of_another_program_are_rejected(handlers, capfd, arguments, status, text):
+@pytest.mark.parametrize(
+    'arguments, status, text',
+    [
+        (['--help'], 0, '--params-file'),
+        (['--bogus'], 2, 'unrecognized arguments: --bogus'),
+        (['--ros-args', '-p', 'a:=1', '--', 'more'], 2, 'unrecognized arguments: more'),
+    ],
+)
+def test_arguments_of_another_program_are_rejected(
+    handlers, capfd, arguments, status, text
+):
     with pytest.raises(SystemExit) as end:
         run.run(pytest.fail, arguments)
     captured = capfd.readouterr()
@@ -179,7 +202,9 @@ def test_arguments_of_another_program_are_rejected(handlers, capfd, arguments, s
 
 def test_simulated_time_is_rejected_as_a_live_change(executor):
     def set_time():
-        nodes[0].result, = nodes[0].set_parameters([Parameter('use_sim_time', value=True)])
+        (nodes[0].result,) = nodes[0].set_parameters(
+            [Parameter('use_sim_time', value=True)]
+        )
         end_process()
 
     make_nodes, nodes = node_with(set_time)
@@ -191,13 +216,21 @@ def test_messages_before_the_executor_started_are_processed(ros):
     node, other, received = rclpy.create_node('late'), ros.node('other'), []
     node.create_subscription(Empty, 'sent', received.append, 3)
     node.create_service(
-        Trigger, 'asked', lambda request, response: received.append(request) or response)
-    publisher, client = other.create_publisher(Empty, 'sent', 3), other.create_client(
-        Trigger, 'asked')
-    ros.until(lambda: client.service_is_ready() and publisher.get_subscription_count(), 'both')
+        Trigger, 'asked', lambda request, response: received.append(request) or response
+    )
+    publisher, client = (
+        other.create_publisher(Empty, 'sent', 3),
+        other.create_client(Trigger, 'asked'),
+    )
+    ros.until(
+        lambda: client.service_is_ready() and publisher.get_subscription_count(), 'both'
+    )
     for _ in range(3):
         publisher.publish(Empty())
     answers = [client.call_async(Trigger.Request()) for _ in range(2)]
-    ros.until(lambda: take_waiting(node) or all(answer.done() for answer in answers), 'answers')
+    ros.until(
+        lambda: take_waiting(node) or all(answer.done() for answer in answers),
+        'answers',
+    )
     assert [type(one) for one in received] == 3 * [Empty] + 2 * [Trigger.Request]
     node.destroy_node()

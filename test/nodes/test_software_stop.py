@@ -13,15 +13,19 @@ def test_each_supervisor_forbids_power_until_its_fresh_false():
     for name, is_set in ((FIRST, True), (SECOND, True), (FIRST, False)):
         stop.receive(name, is_set, 100.0)
     for now, name, reason in (
-            (100.4, SECOND, 'is true, received 0.40 s ago, required is false'),
-            (102.0, FIRST, 'has been silent for more than 0.5 s')):
+        (100.4, SECOND, 'is true, received 0.40 s ago, required is false'),
+        (102.0, FIRST, 'has been silent for more than 0.5 s'),
+    ):
         with pytest.raises(DriveStateError) as rejection:
             stop.clear(now)
         assert str(rejection.value) == (
             f'clear_faults rejected: {name} {reason}; next: publish false on {name} ten times a '
-            'second, then clear_faults')
+            'second, then clear_faults'
+        )
         assert stop.cause(now) == f'{FIRST} was set; {SECOND} was set'
         assert f'publish false on {name} ten times a second' in stop.next_step(now)
     stop.receive(SECOND, False, 100.0)
-    assert stop.next_step(100.0) == '' and stop.cause(100.0)  # only clear_faults is missing
+    assert stop.next_step(100.0) == '' and stop.cause(
+        100.0
+    )  # only clear_faults is missing
     assert stop.clear(100.0) == {FIRST, SECOND}

@@ -29,7 +29,9 @@ class Bench(DriverBench):
     def __init__(self, ros):
         super().__init__(ros, {'controller.rate': 50, 'limits.speed': 0.4})
         self.stop = ros.node('supervisor').create_publisher(*topics.SOFTWARE_STOP)
-        self.timer = self.node.create_timer(0.05, lambda: self.stop.publish(Bool(data=False)))
+        self.timer = self.node.create_timer(
+            0.05, lambda: self.stop.publish(Bool(data=False))
+        )
         topic = self.tested._software_stop._topics['software_stop']
         ros.until(lambda: topic.newest is False, 'false')
 
@@ -43,8 +45,10 @@ class Bench(DriverBench):
         return self.tested._loop._forbidden
 
     def until_cause(self, text):
-        self.ros.until(lambda: text in self.cause() and bool(text) == bool(self.cause()),
-                       f'the cause {text!r}')
+        self.ros.until(
+            lambda: text in self.cause() and bool(text) == bool(self.cause()),
+            f'the cause {text!r}',
+        )
 
     def set(self):
         """Publish a true, followed by a false."""
@@ -54,18 +58,27 @@ class Bench(DriverBench):
     def until_cleared(self):
         """Request clear_faults until a false has followed the true; return the message."""
         return self.ros.until(
-            lambda: (answer := self.ask('clear_faults'))[0] and answer[1], 'clear_faults')
+            lambda: (answer := self.ask('clear_faults'))[0] and answer[1],
+            'clear_faults',
+        )
 
     def until_next_step(self, text):
         """Wait for a next step that no longer asks for a false."""
-        self.ros.until(lambda: text in (step := self.tested._loop.snapshot().next_step)
-                       and 'publish false' not in step, f'the next step {text!r}')
+        self.ros.until(
+            lambda: (
+                text in (step := self.tested._loop.snapshot().next_step)
+                and 'publish false' not in step
+            ),
+            f'the next step {text!r}',
+        )
 
     def assert_no_power(self, state):
         self.until_state(state)
         if state == 'inactive':
             self.ros.until(
-                lambda: self.tested._loop.snapshot().power == 'confirmed off', 'the power off')
+                lambda: self.tested._loop.snapshot().power == 'confirmed off',
+                'the power off',
+            )
             assert self.rejection('home') and self.rejection('activate')
 
 
@@ -96,8 +109,10 @@ def test_silence_or_second_publisher_forbid_power_while_they_last(bench, ros):
         bench.timer.reset()
         bench.until_cause(TWO)
         bench.assert_no_power(after)
-        assert (f'clear_faults rejected: {TWO}; next: let one node publish software_stop with '
-                'reliable quality of service, then') in bench.rejection('clear_faults')
+        assert (
+            f'clear_faults rejected: {TWO}; next: let one node publish software_stop with '
+            'reliable quality of service, then'
+        ) in bench.rejection('clear_faults')
         other.destroy_publisher(second)
         bench.until_cause('')
         bench.ask('clear_faults')
@@ -116,5 +131,7 @@ def test_rejected_clear_faults_leaves_the_stop_in_force(bench):
     bench.disturb(1, without_safe_torque)
     bench.set()
     bench.assert_no_power('inactive')
-    bench.ros.until(lambda: 'safe torque off' in bench.rejection('clear_faults'), 'the reason')
+    bench.ros.until(
+        lambda: 'safe torque off' in bench.rejection('clear_faults'), 'the reason'
+    )
     assert bench.cause() == 'software_stop was set'

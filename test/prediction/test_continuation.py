@@ -22,23 +22,30 @@ def textbook_response(bandwidth, frequency):
     """Return p, v/ω, a/ω² of the steady Kalman-Bucy filter for white jerk."""
     motion, seen = np.diag([1.0, 1.0], 1), np.array([[1.0, 0.0, 0.0]])
     covariance = solve_continuous_are(
-        motion.T, seen.T, np.diag([0.0, 0.0, bandwidth ** 6]), np.eye(1))
+        motion.T, seen.T, np.diag([0.0, 0.0, bandwidth**6]), np.eye(1)
+    )
     gain = covariance @ seen.T
-    state = np.linalg.solve(2j * np.pi * frequency * np.eye(3) - motion + gain @ seen, gain)
+    state = np.linalg.solve(
+        2j * np.pi * frequency * np.eye(3) - motion + gain @ seen, gain
+    )
     return state[:, 0] / bandwidth ** np.arange(3.0)
 
 
 @pytest.mark.parametrize('frequency', [0.03, 0.3, 1.0, 4.0])
 def test_response_is_that_of_the_kalman_bucy_filter(frequency):
     expected = [textbook_response(bandwidth, frequency) for bandwidth in BANDWIDTHS]
-    assert response(np.array([frequency]))[0] == pytest.approx(np.array(expected), abs=1e-9)
+    assert response(np.array([frequency]))[0] == pytest.approx(
+        np.array(expected), abs=1e-9
+    )
 
 
 def test_filter_bank_passes_a_sine_with_its_response():
     bank, interval, frequency = FilterBank(1), 0.002, 0.3
     for time in interval * np.arange(1, 8001):
         bank.update(interval, np.array([np.cos(2.0 * np.pi * frequency * time)]))
-    wave = np.exp(2j * np.pi * frequency * (time + 0.5 * interval))  # each holds before its time
+    wave = np.exp(
+        2j * np.pi * frequency * (time + 0.5 * interval)
+    )  # each holds before its time
     expected = features((response(np.array([frequency])) * wave).real)
     for found, wanted in zip(bank.features(), expected, strict=True):
         assert found == pytest.approx(wanted, abs=5e-3)
@@ -64,7 +71,8 @@ def test_weights_before_learning_follow_the_prior():
     continuation.solve(np.ones(1), NO_NOISE, NO_TONES)
     expected = np.linalg.lstsq(sway.features, sway.moves[:, NEAR], rcond=None)[0]
     assert sway.features @ continuation.weights[0] == pytest.approx(
-        sway.features @ expected, rel=1e-2, abs=1e-4)
+        sway.features @ expected, rel=1e-2, abs=1e-4
+    )
 
 
 def only_noise():
@@ -81,7 +89,9 @@ def test_noise_gains_equal_those_of_white_noise():
         bank.update(0.02, random.standard_normal(500))
         if k > 500 and k % 20 == 0:
             seen.append(bank.features()[0])
-            errors.append(bank.features()[1][:, None] + seen[-1] @ continuation.weights[0])
+            errors.append(
+                bank.features()[1][:, None] + seen[-1] @ continuation.weights[0]
+            )
     moments = np.square(seen).mean(axis=(0, 1))
     assert moments == pytest.approx(0.02 * np.diag(noise_moments().features), rel=0.15)
     found = np.square(errors).mean(axis=(0, 1))
@@ -100,8 +110,9 @@ def learnt(seconds, weights, noise=0.0):
         forecast, zero = np.zeros((2, 1, len(HORIZONS)))
         forecast[:, NEAR] = (past[-1][:, None] @ continuation.weights)[:, 0]
         continuation.add(
-            stamp, 0.05, value, np.zeros(1), past[-1], np.stack((zero, forecast, zero)))
-        continuation.learn(np.full(1, noise ** 2))
+            stamp, 0.05, value, np.zeros(1), past[-1], np.stack((zero, forecast, zero))
+        )
+        continuation.learn(np.full(1, noise**2))
     continuation.solve(NO_NOISE, NO_NOISE, NO_TONES)
     return continuation
 
@@ -112,26 +123,35 @@ def test_moves_that_follow_from_the_features_are_learnt():
     found = learnt(60, weights)
     assert found.weights[0, :, 3] == pytest.approx(weights[:, 0], abs=1e-3)
     assert np.abs(found.weights[0, :, 0]).max() < 0.5
-    assert found.variances[0, 3] == pytest.approx((weights ** 2).sum(), rel=0.5)
+    assert found.variances[0, 3] == pytest.approx((weights**2).sum(), rel=0.5)
 
 
 @pytest.mark.long
 def test_estimate_noise_does_not_count_as_forecast_error():
-    assert learnt(200, np.zeros((FEATURES, 1)), 0.1).variances.max() < 0.4 * 0.1 ** 2
+    assert learnt(200, np.zeros((FEATURES, 1)), 0.1).variances.max() < 0.4 * 0.1**2
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('share', [0.0, 0.4, 1.0])
 def test_trust_is_the_right_share_of_the_step(share):
-    wave, continuation = np.random.default_rng(3).standard_normal(520), Continuation(1, NEAR)
+    wave, continuation = (
+        np.random.default_rng(3).standard_normal(520),
+        Continuation(1, NEAR),
+    )
     noise, tones = np.full(1, 1e-3), np.full(1, 5.0)
     for k in range(500):
         steps, zero = np.zeros((2, 1, len(HORIZONS)))
-        steps[:, NEAR] = wave[k + 1:k + 5]  # the next values, 0.05 s apart
-        continuation.add(0.05 * k, 0.05, share * wave[k:k + 1], np.zeros(1),
-                         np.zeros((1, FEATURES)), np.stack((zero, zero, steps)))
+        steps[:, NEAR] = wave[k + 1 : k + 5]  # the next values, 0.05 s apart
+        continuation.add(
+            0.05 * k,
+            0.05,
+            share * wave[k : k + 1],
+            np.zeros(1),
+            np.zeros((1, FEATURES)),
+            np.stack((zero, zero, steps)),
+        )
         continuation.learn(noise)
     continuation.solve(np.ones(1), noise, tones)
     assert continuation.trust == pytest.approx(np.full((1, 4), share), abs=1e-3)
-    gain = (1.0 - share) ** 2 * 1e-3 * only_noise().variances + share ** 2 * tones
+    gain = (1.0 - share) ** 2 * 1e-3 * only_noise().variances + share**2 * tones
     assert (continuation.variances >= 0.99e-3 * gain).all()

@@ -22,7 +22,9 @@ NOW = 1000.0
 NOISE = (1e-6, 1e-6, 3e-6)
 LOST = (1.0, 1e-6, 1e-6)  # x is not known
 MOUNTING = (0.5, 0.3, 0.01)
-poses = st.builds(Pose, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-0.5, 0.5))
+poses = st.builds(
+    Pose, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-0.5, 0.5)
+)
 
 
 def gate(**settings):
@@ -36,25 +38,57 @@ def test_possible_estimate_passes_unchanged(age, pose):
     assert estimate == (NOW - age, pose, (1e-6, 4e-6, 9e-6), ALL_KNOWN)
 
 
-@pytest.mark.parametrize(('pose', 'stamp', 'tilt', 'reason', 'message'), [
-    *((ZERO_POSE._replace(**{axis: value}), NOW, 0.0, 'not_finite', f'{axis} = {value}')
-      for axis in Pose._fields for value in (math.nan, math.inf)),
-    (Pose(2.1, 0.0, 0.0), NOW, 0.0, 'range', 'disturbance x = 2.1 m is beyond ±2 m'),
-    (Pose(0.0, -3.0, 0.0), NOW, 0.0, 'range', 'disturbance y = -3 m'),
-    (Pose(0.0, 0.0, 0.7), NOW, 0.0, 'range', 'disturbance theta = 0.7 rad'),
-    (ZERO_POSE, NOW - 0.31, 0.0, 'stale', '0.310 s old, bound 0.3 s'),
-    (ZERO_POSE, NOW + 0.02, 0.0, 'future', '0.020 s from the future'),
-    (ZERO_POSE, NOW, 0.051, 'out_of_plane', '0.051 rad out of the plane, bound 0.05 rad')])
-def test_impossible_estimate_is_rejected_with_its_bound(pose, stamp, tilt, reason, message):
+@pytest.mark.parametrize(
+    ('pose', 'stamp', 'tilt', 'reason', 'message'),
+    [
+        *(
+            (
+                ZERO_POSE._replace(**{axis: value}),
+                NOW,
+                0.0,
+                'not_finite',
+                f'{axis} = {value}',
+            )
+            for axis in Pose._fields
+            for value in (math.nan, math.inf)
+        ),
+        (
+            Pose(2.1, 0.0, 0.0),
+            NOW,
+            0.0,
+            'range',
+            'disturbance x = 2.1 m is beyond ±2 m',
+        ),
+        (Pose(0.0, -3.0, 0.0), NOW, 0.0, 'range', 'disturbance y = -3 m'),
+        (Pose(0.0, 0.0, 0.7), NOW, 0.0, 'range', 'disturbance theta = 0.7 rad'),
+        (ZERO_POSE, NOW - 0.31, 0.0, 'stale', '0.310 s old, bound 0.3 s'),
+        (ZERO_POSE, NOW + 0.02, 0.0, 'future', '0.020 s from the future'),
+        (
+            ZERO_POSE,
+            NOW,
+            0.051,
+            'out_of_plane',
+            '0.051 rad out of the plane, bound 0.05 rad',
+        ),
+    ],
+)
+def test_impossible_estimate_is_rejected_with_its_bound(
+    pose, stamp, tilt, reason, message
+):
     with pytest.raises(InputError, match=message) as rejected:
         gate().check(NOW, stamp, pose, tilt=tilt)
     assert rejected.value.reason == reason
 
 
-@pytest.mark.parametrize(('pose', 'elapsed', 'reason'), [
-    (ZERO_POSE, 0.0, 'out_of_order'), (ZERO_POSE, -0.016, 'out_of_order'),
-    *((ZERO_POSE._replace(**{axis: -0.1}), 0.02, 'jump') for axis in Pose._fields),
-    (Pose(0.05, 0.0, 0.0), -0.004, 'jump')])
+@pytest.mark.parametrize(
+    ('pose', 'elapsed', 'reason'),
+    [
+        (ZERO_POSE, 0.0, 'out_of_order'),
+        (ZERO_POSE, -0.016, 'out_of_order'),
+        *((ZERO_POSE._replace(**{axis: -0.1}), 0.02, 'jump') for axis in Pose._fields),
+        (Pose(0.05, 0.0, 0.0), -0.004, 'jump'),
+    ],
+)
 def test_change_that_no_gondola_makes_is_rejected(pose, elapsed, reason):
     checked = gate()
     checked.check(NOW, NOW, ZERO_POSE)
@@ -95,31 +129,45 @@ def test_axis_known_again_may_be_anywhere():
     for number, x in enumerate((0.05, 0.4, 7.0), 1):
         stamp = NOW + 0.01 * number
         estimate = checked.check(stamp, stamp, Pose(x, 0.011, 0.0), LOST)
-        assert estimate == (stamp, (0.05, 0.011, 0.0), (1e-6, 1e-6, 1e-6), (False, True, True))
+        assert estimate == (
+            stamp,
+            (0.05, 0.011, 0.0),
+            (1e-6, 1e-6, 1e-6),
+            (False, True, True),
+        )
     found = checked.check(NOW + 0.04, NOW + 0.04, Pose(-0.06, 0.012, 0.0), NOISE)
     assert found.known == ALL_KNOWN and found.pose.x == -0.06
     with pytest.raises(InputError, match='disturbance y jumps'):
         checked.check(NOW + 0.05, NOW + 0.05, Pose(0.4, 0.1, 0.0), LOST)
 
 
-@pytest.mark.parametrize(('settings', 'variances', 'known'), [
-    ({}, (1e-6, 1e-6, 1e6), (True, True, False)),
-    ({'mounting': (0.5, 0.0, 0.0)}, (1e-6, 1e-6, 1e6), (True, False, False)),
-    ({'mounting': (0.0, 0.5, 0.0)}, (1e-6, 1e-6, 1e6), (False, True, False)),
-    ({'axes': 0.3}, LOST, (False, False, True))])
+@pytest.mark.parametrize(
+    ('settings', 'variances', 'known'),
+    [
+        ({}, (1e-6, 1e-6, 1e6), (True, True, False)),
+        ({'mounting': (0.5, 0.0, 0.0)}, (1e-6, 1e-6, 1e6), (True, False, False)),
+        ({'mounting': (0.0, 0.5, 0.0)}, (1e-6, 1e-6, 1e6), (False, True, False)),
+        ({'axes': 0.3}, LOST, (False, False, True)),
+    ],
+)
 def test_unknown_axis_makes_dependent_axes_unknown(settings, variances, known):
     assert gate(**settings).check(NOW, NOW, ZERO_POSE, variances).known == known
 
 
-@pytest.mark.parametrize(('variance', 'expected', 'is_known'), [
-    *((value, None, True) for value in (0.0, -1.0, math.nan)), (math.inf, None, False),
-    (1e-30, MIN_NOISE ** 2, True)])
+@pytest.mark.parametrize(
+    ('variance', 'expected', 'is_known'),
+    [
+        *((value, None, True) for value in (0.0, -1.0, math.nan)),
+        (math.inf, None, False),
+        (1e-30, MIN_NOISE**2, True),
+    ],
+)
 def test_unknown_or_small_variances_are_replaced(variance, expected, is_known):
     settings = EstimateSettings()
     estimate = EstimateGate(settings).check(NOW, NOW, ZERO_POSE, (variance,) * 3)
     noise = settings.position_noise, settings.position_noise, settings.yaw_noise
     assert estimate.known == (is_known,) * 3
-    assert estimate.variances == pytest.approx([expected or one ** 2 for one in noise])
+    assert estimate.variances == pytest.approx([expected or one**2 for one in noise])
 
 
 @given(poses, poses, st.floats(-math.pi, math.pi))
@@ -127,12 +175,15 @@ def test_rail_is_recovered_for_any_mounting(rail, mounting, axes):
     published = published_motion(rail, mounting, axes)
     estimate = gate(mounting=tuple(mounting), axes=axes)
     if max(map(abs, published[:2])) < 2.0 and abs(published.theta) < 0.6:
-        assert estimate.check(NOW, NOW, published).pose == pytest.approx(rail, abs=1e-12)
+        assert estimate.check(NOW, NOW, published).pose == pytest.approx(
+            rail, abs=1e-12
+        )
 
 
 def test_turned_axes_swap_x_and_y_and_their_variances():
     estimate = gate(axes=math.pi / 2.0).check(
-        NOW, NOW, Pose(0.02, -0.1, 0.03), (1e-6, 4e-6, 1e-6))
+        NOW, NOW, Pose(0.02, -0.1, 0.03), (1e-6, 4e-6, 1e-6)
+    )
     assert estimate.pose == pytest.approx((0.1, 0.02, 0.03))
     assert estimate.variances == pytest.approx((4e-6, 1e-6, 1e-6))
 
@@ -140,7 +191,8 @@ def test_turned_axes_swap_x_and_y_and_their_variances():
 def test_estimate_has_the_time_and_variances_of_the_rail():
     checked, rail = gate(mounting=MOUNTING, delay=0.1), Pose(0.1, 0.0, 0.02)
     estimate = checked.check(
-        NOW, NOW + 0.05, published_motion(rail, Pose(*MOUNTING)), (1e-6, 1e-6, 1e-6))
+        NOW, NOW + 0.05, published_motion(rail, Pose(*MOUNTING)), (1e-6, 1e-6, 1e-6)
+    )
     assert estimate.stamp == pytest.approx(NOW - 0.05)
     assert estimate.pose == pytest.approx(rail)
     assert estimate.variances == pytest.approx((1.09e-6, 1.25e-6, 1e-6))

@@ -7,7 +7,11 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.prediction.jumps import DECISION_TIME, JumpDecision, JumpDetector
+from facade_manipulator.prediction.jumps import (
+    DECISION_TIME,
+    JumpDecision,
+    JumpDetector,
+)
 
 PERIOD = 0.02
 DEVIATION = 1e-3
@@ -27,9 +31,14 @@ class Detected:
     def add(self, errors, noise=0.5, is_followed=True):
         for error in errors:
             self.stamp += PERIOD
-            self.decisions.append(self.detector.evaluate(
-                self.stamp, error + noise * DEVIATION * self.random.standard_normal(), DEVIATION,
-                is_followed))
+            self.decisions.append(
+                self.detector.evaluate(
+                    self.stamp,
+                    error + noise * DEVIATION * self.random.standard_normal(),
+                    DEVIATION,
+                    is_followed,
+                )
+            )
             self.is_wrong.append(self.detector.is_wrong)
         return self
 
@@ -40,7 +49,7 @@ seeds, signs = st.integers(0, 10_000), st.sampled_from((-1.0, 1.0))
 @given(seeds, st.floats(8.0, 1000.0), signs)
 def test_large_jump_is_found_at_once(seed, size, sign):
     found = Detected(seed).add(8 * [sign * size * DEVIATION], is_followed=False)
-    assert all(found.is_wrong[0 if size > 12.0 else 3:])
+    assert all(found.is_wrong[0 if size > 12.0 else 3 :])
 
 
 @given(seeds, st.floats(0.1, 3.0 * ACCELERATION))
@@ -51,8 +60,11 @@ def test_push_of_any_strength_is_not_a_step(seed, acceleration):
 
 
 @given(seeds, st.floats(50.0, 100.0), signs)
-@pytest.mark.parametrize('shape', [
-    np.sin(np.pi * np.arange(1, 10) / 10.0), np.arange(1, 10) / 9.0], ids=['sine', 'ramp'])
+@pytest.mark.parametrize(
+    'shape',
+    [np.sin(np.pi * np.arange(1, 10) / 10.0), np.arange(1, 10) / 9.0],
+    ids=['sine', 'ramp'],
+)
 def test_error_beyond_any_push_is_wrong_in_any_shape(shape, seed, size, sign):
     found = Detected(seed).add(sign * size * DEVIATION * shape, is_followed=False)
     assert all(found.is_wrong[4:])
@@ -83,7 +95,9 @@ def test_jump_that_returns_is_marked_wrong(seed, size, count):
 def test_return_of_an_undetected_jump_is_noise_if_followed(is_followed):
     errors = [2.4 * DEVIATION, 2.1 * DEVIATION, 2.2 * DEVIATION]
     found = Detected().add(errors, noise=0.0, is_followed=False)
-    assert {*found.decisions[-3:]} == {JumpDecision.UNDECIDED} and not any(found.is_wrong)
+    assert {*found.decisions[-3:]} == {JumpDecision.UNDECIDED} and not any(
+        found.is_wrong
+    )
     decision = found.add([0.0], 0.0, is_followed).decisions[-1]
     assert decision is (JumpDecision.NOISE if is_followed else JumpDecision.WRONG)
 

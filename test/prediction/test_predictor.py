@@ -12,20 +12,34 @@ import pytest
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.prediction import predictor as module
-from facade_manipulator.prediction.estimate import FASTEST, LARGEST_JUMP, MIN_INTERVAL, MIN_NOISE
-from facade_manipulator.prediction.predictor import DisturbancePredictor, MAX_ACCELERATION
+from facade_manipulator.prediction.estimate import (
+    FASTEST,
+    LARGEST_JUMP,
+    MIN_INTERVAL,
+    MIN_NOISE,
+)
+from facade_manipulator.prediction.predictor import (
+    DisturbancePredictor,
+    MAX_ACCELERATION,
+)
 
 pytestmark = pytest.mark.long
 
 HORIZON = 0.12
 NOISE = 1e-3
-VARIANCES = Pose(NOISE ** 2, NOISE ** 2, NOISE ** 2)
+VARIANCES = Pose(NOISE**2, NOISE**2, NOISE**2)
 
 
 def sines(*axes):
-    return lambda time: np.array([
-        sum(amplitude * math.sin(math.tau * frequency * time + phase)
-            for amplitude, frequency, phase in parts) for parts in axes])
+    return lambda time: np.array(
+        [
+            sum(
+                amplitude * math.sin(math.tau * frequency * time + phase)
+                for amplitude, frequency, phase in parts
+            )
+            for parts in axes
+        ]
+    )
 
 
 @cache
@@ -40,13 +54,23 @@ def still(_):
     return np.zeros(3)
 
 
-BREEZE = sines(((0.1, 0.11, 0.3), (0.02, 0.3, 1.0)), ((0.015, 0.2, 0.5),), ((0.035, 0.15, 0.0),))
+BREEZE = sines(
+    ((0.1, 0.11, 0.3), (0.02, 0.3, 1.0)), ((0.015, 0.2, 0.5),), ((0.035, 0.15, 0.0),)
+)
 THREE_TONES = sines(
     ((0.085, 0.127, 0.3), (0.018, 0.311, 1.0), (0.003, 0.83, 2.0)),
     ((0.012, 0.173, 0.5), (0.005, 0.412, 2.1), (0.001, 0.91, 0.8)),
-    ((0.03, 0.15, 0.0), (0.008, 0.37, 1.3), (0.0015, 0.7, 2.6)))
-SEVEN_TONES = sines(*3 * [[(0.08 * (0.1 / frequency) ** 1.5, frequency, 2.0 * frequency)
-                          for frequency in (0.1, 0.17, 0.29, 0.41, 0.6, 0.83, 1.2)]])
+    ((0.03, 0.15, 0.0), (0.008, 0.37, 1.3), (0.0015, 0.7, 2.6)),
+)
+SEVEN_TONES = sines(
+    *3
+    * [
+        [
+            (0.08 * (0.1 / frequency) ** 1.5, frequency, 2.0 * frequency)
+            for frequency in (0.1, 0.17, 0.29, 0.41, 0.6, 0.83, 1.2)
+        ]
+    ]
+)
 
 
 class Run:
@@ -70,10 +94,14 @@ class Run:
             deviation = published(time) if published else max(self.noise, 1e-4)
             if values is not None:
                 self.predictor.update(
-                    1000.0 + time, Pose(*values.tolist()), Pose(*(3 * [deviation ** 2])))
+                    1000.0 + time, Pose(*values.tolist()), Pose(*(3 * [deviation**2]))
+                )
             aim = 1000.0 + time + HORIZON
             errors.append(
-                np.subtract(self.predictor.predict(aim).position, motion(time + HORIZON)))
+                np.subtract(
+                    self.predictor.predict(aim).position, motion(time + HORIZON)
+                )
+            )
             deviations.append(self.predictor.deviations(aim))
         self.errors = np.concatenate([self.errors, errors])
         self.deviations = np.concatenate([self.deviations, deviations])
@@ -97,14 +125,20 @@ def after(motion, duration, then=None, **changes):
     return deepcopy(run(motion, 20.0)).go(then or motion, duration, **changes)
 
 
-@pytest.mark.parametrize(('motion', 'duration', 'early', 'late'), [
-    (BREEZE, 60.0, (2.0, 1.0, 1.0), (0.3, 0.25, 0.25)),
-    (THREE_TONES, 100.0, (2.5, 1.5, 1.5), (0.4, 0.35, 0.35)),
-    (SEVEN_TONES, 60.0, (4.0, 4.0, 4.0), (1.2, 0.9, 0.9)),
-    (gusts(1), 60.0, (1.2, 0.8, 0.6), (0.75, 0.6, 0.6)),
-    (gusts(3, 2.0), 60.0, (1.4, 1.3, 1.1), (1.4, 1.1, 1.0)),
-    (still, 100.0, (0.5, 0.5, 0.5), (0.2, 0.2, 0.2))])
-def test_sways_are_predicted_with_the_published_deviation(motion, duration, early, late):
+@pytest.mark.parametrize(
+    ('motion', 'duration', 'early', 'late'),
+    [
+        (BREEZE, 60.0, (2.0, 1.0, 1.0), (0.3, 0.25, 0.25)),
+        (THREE_TONES, 100.0, (2.5, 1.5, 1.5), (0.4, 0.35, 0.35)),
+        (SEVEN_TONES, 60.0, (4.0, 4.0, 4.0), (1.2, 0.9, 0.9)),
+        (gusts(1), 60.0, (1.2, 0.8, 0.6), (0.75, 0.6, 0.6)),
+        (gusts(3, 2.0), 60.0, (1.4, 1.3, 1.1), (1.4, 1.1, 1.0)),
+        (still, 100.0, (0.5, 0.5, 0.5), (0.2, 0.2, 0.2)),
+    ],
+)
+def test_sways_are_predicted_with_the_published_deviation(
+    motion, duration, early, late
+):
     learnt = Run(motion, duration)
     assert (learnt.rms(3.0, 10.0) < NOISE * np.array(early)).all()
     assert (learnt.rms(30.0, 60.0) < NOISE * np.array(late)).all()
@@ -112,7 +146,9 @@ def test_sways_are_predicted_with_the_published_deviation(motion, duration, earl
 
 
 def test_deviation_is_right_after_five_minutes_of_tones():
-    assert (Run(BREEZE, 300.0, rate=10.0).share_within_two_deviations(150.0) > 0.93).all()
+    assert (
+        Run(BREEZE, 300.0, rate=10.0).share_within_two_deviations(150.0) > 0.93
+    ).all()
 
 
 @pytest.mark.parametrize('frequency', [0.03, 0.1, 0.3, 0.6, 1.5, 3.0, 5.0])
@@ -124,23 +160,32 @@ def test_no_sine_is_amplified_by_the_prediction(frequency):
 
 def test_unpredictable_shaking_is_not_amplified():
     shakes = 0.01 * np.random.default_rng(5).standard_normal((4000, 3))
-    assert (Run(lambda time: shakes[round(time * 50.0)], 40.0).rms(10.0) < 1.05 * 0.01).all()
+    assert (
+        Run(lambda time: shakes[round(time * 50.0)], 40.0).rms(10.0) < 1.05 * 0.01
+    ).all()
 
 
 def test_acceleration_beyond_the_maximum_is_compensated_in_part():
     learnt = Run(sines(((0.02, 2.0, 0.0),), (), ()), 25.0)
     share = MAX_ACCELERATION[0] / (0.02 * (math.tau * 2.0) ** 2)
-    assert learnt.rms(12.0)[0] == pytest.approx((1.0 - share) * 0.02 / math.sqrt(2.0), rel=0.15)
+    assert learnt.rms(12.0)[0] == pytest.approx(
+        (1.0 - share) * 0.02 / math.sqrt(2.0), rel=0.15
+    )
 
 
 # s between estimates that are learnt from; negative after the clock was set back
 intervals = st.one_of(
-    st.floats(MIN_INTERVAL, 0.1), st.floats(0.1, 5.0), st.floats(-1.0, -MIN_INTERVAL))
-shares = st.tuples(*3 * [st.floats(-1.0, 1.0)])  # of the largest change that the gate accepts
+    st.floats(MIN_INTERVAL, 0.1), st.floats(0.1, 5.0), st.floats(-1.0, -MIN_INTERVAL)
+)
+shares = st.tuples(
+    *3 * [st.floats(-1.0, 1.0)]
+)  # of the largest change that the gate accepts
 
 
-@given(st.lists(st.tuples(intervals, shares), min_size=1, max_size=60),
-       st.floats(MIN_NOISE, 0.1))
+@given(
+    st.lists(st.tuples(intervals, shares), min_size=1, max_size=60),
+    st.floats(MIN_NOISE, 0.1),
+)
 def test_bounded_estimates_give_a_bounded_prediction(changes, deviation):
     """The gate rejects larger changes, and the correction skips estimates at shorter intervals."""
     predictor, stamp, values = DisturbancePredictor(), 1000.0, np.zeros(3)
@@ -148,7 +193,7 @@ def test_bounded_estimates_give_a_bounded_prediction(changes, deviation):
         stamp += interval
         largest = LARGEST_JUMP + FASTEST * abs(interval)
         values = np.clip(values + np.multiply(share, largest), -0.5, 0.5)
-        predictor.update(stamp, Pose(*values), Pose(*(3 * [deviation ** 2])))
+        predictor.update(stamp, Pose(*values), Pose(*(3 * [deviation**2])))
         for ahead in (-0.5, 0.0, 0.05, 0.12, 0.37, 0.6, 1.0, 100.0):
             motion = predictor.predict(stamp + ahead)
             assert np.abs(motion.position).max() < 3.0
@@ -173,18 +218,29 @@ def predictions(motion, start=1000.0, scale=1.0, offset=0.0):
     """Return predictions for scaled estimates, with bounds that do not apply."""
     random, predictor, found = np.random.default_rng(3), DisturbancePredictor(), []
     with pytest.MonkeyPatch.context() as patch:
-        for bound, count in (('MAX_ACCELERATION', 3), ('STRONGEST_PUSH', 3), ('MOVES', 7)):
+        for bound, count in (
+            ('MAX_ACCELERATION', 3),
+            ('STRONGEST_PUSH', 3),
+            ('MOVES', 7),
+        ):
             patch.setattr(module, bound, np.full(count, 50.0))
         for k in range(500):
-            values = scale * (motion(k / 50.0) + NOISE * random.standard_normal(3)) + offset
-            predictor.update(start + k / 50.0, Pose(*values.tolist()), Pose(*np.multiply(
-                scale ** 2, VARIANCES)))
+            values = (
+                scale * (motion(k / 50.0) + NOISE * random.standard_normal(3)) + offset
+            )
+            predictor.update(
+                start + k / 50.0,
+                Pose(*values.tolist()),
+                Pose(*np.multiply(scale**2, VARIANCES)),
+            )
             found.append(predictor.predict(start + k / 50.0 + HORIZON).position)
     return np.array(found)
 
 
-@pytest.mark.parametrize('change', [
-    {'start': 0.0}, {'scale': -1.0}, {'scale': 2.5}, {'scale': 0.1}, {'offset': 0.4}])
+@pytest.mark.parametrize(
+    'change',
+    [{'start': 0.0}, {'scale': -1.0}, {'scale': 2.5}, {'scale': 0.1}, {'offset': 0.4}],
+)
 def test_prediction_is_independent_of_time_sign_unit_and_origin(change):
     scale, offset = change.get('scale', 1.0), change.get('offset', 0.0)
     expected = scale * predictions(BREEZE) + offset
@@ -206,11 +262,21 @@ def with_outliers(time, values, random):
     return values + outliers * (time > 5.0)
 
 
-@pytest.mark.parametrize(('settings', 'bound'), [
-    ({'rate': 15.0, 'noise': 0.55 * NOISE}, (0.9, 0.8, 0.8)),
-    ({'rate': 60.0, 'noise': 1.1 * NOISE}, (0.9, 0.8, 0.8)),  # at most 67 Hz are learnt
-    ({'jitter': 0.01}, 0.75), ({'spoil': with_gaps}, 1.1), ({'spoil': with_outliers}, 0.9),
-    ({'published': lambda _: 0.2 * NOISE}, 1.1), ({'published': lambda _: 5.0 * NOISE}, 1.1)])
+@pytest.mark.parametrize(
+    ('settings', 'bound'),
+    [
+        ({'rate': 15.0, 'noise': 0.55 * NOISE}, (0.9, 0.8, 0.8)),
+        (
+            {'rate': 60.0, 'noise': 1.1 * NOISE},
+            (0.9, 0.8, 0.8),
+        ),  # at most 67 Hz are learnt
+        ({'jitter': 0.01}, 0.75),
+        ({'spoil': with_gaps}, 1.1),
+        ({'spoil': with_outliers}, 0.9),
+        ({'published': lambda _: 0.2 * NOISE}, 1.1),
+        ({'published': lambda _: 5.0 * NOISE}, 1.1),
+    ],
+)
 def test_imperfect_estimates_of_gusts_increase_errors_little(settings, bound):
     assert (Run(gusts(1), 35.0, **settings).rms(20.0) < NOISE * np.array(bound)).all()
 
@@ -218,12 +284,16 @@ def test_imperfect_estimates_of_gusts_increase_errors_little(settings, bound):
 def test_gap_is_bridged_but_a_long_gap_restarts():
     predictor = deepcopy(run(BREEZE, 20.0)).predictor
     for ahead, bound in ((0.3, 0.002), (0.6, 0.006)):
-        error = predictor.predict(predictor.stamp + ahead).position - BREEZE(19.98 + ahead)
+        error = predictor.predict(predictor.stamp + ahead).position - BREEZE(
+            19.98 + ahead
+        )
         assert np.abs(error).max() < bound
     later = predictor.stamp + 5.0
     predictor.update(later, Pose(0.3, 0.0, 0.0), VARIANCES)
     assert predictor.since == later
-    assert predictor.predict(later + 0.1).position == pytest.approx((0.3, 0.0, 0.0), abs=1e-9)
+    assert predictor.predict(later + 0.1).position == pytest.approx(
+        (0.3, 0.0, 0.0), abs=1e-9
+    )
 
 
 @pytest.mark.parametrize('motion', [still, BREEZE])
@@ -232,19 +302,30 @@ def test_estimator_step_shifts_the_prediction_after_the_decision(motion, step):
     stepped = after(motion, 5.0, lambda time: motion(time) + step)
     assert (np.abs(stepped.errors[1000:1012]) > 0.8 * step).all()
     decided = slice(1013, None)
-    assert np.abs(stepped.errors[decided] - run(motion, 25.0).errors[decided]).max() < 4.0 * NOISE
+    assert (
+        np.abs(stepped.errors[decided] - run(motion, 25.0).errors[decided]).max()
+        < 4.0 * NOISE
+    )
 
 
 def change_by_jump(size, duration, gap=0.0):
     """Return the change of the errors by wrong estimates, for a duration after a gap [s]."""
-    struck = after(BREEZE, 5.0, spoil=lambda time, values, _: (
-        None if 20.0 < time < 20.0 + gap
-        else values + size * (20.0 <= time < 20.0 + gap + duration)))
+    struck = after(
+        BREEZE,
+        5.0,
+        spoil=lambda time, values, _: (
+            None
+            if 20.0 < time < 20.0 + gap
+            else values + size * (20.0 <= time < 20.0 + gap + duration)
+        ),
+    )
     return np.abs(struck.errors - run(BREEZE, 25.0).errors)
 
 
-@pytest.mark.parametrize(('duration', 'gap'), [
-    (0.03, 0.0), (0.06, 0.0), (0.1, 0.0), (0.2, 0.0), (0.04, 0.09)])
+@pytest.mark.parametrize(
+    ('duration', 'gap'),
+    [(0.03, 0.0), (0.06, 0.0), (0.1, 0.0), (0.2, 0.0), (0.04, 0.09)],
+)
 @pytest.mark.parametrize('size', [0.008, 0.03, -0.2])
 def test_short_jump_hardly_changes_the_prediction(size, duration, gap):
     assert change_by_jump(size, duration, gap).max() < 4.0 * NOISE
@@ -260,7 +341,8 @@ def pushed(time):
     end = min(since, 0.3)
     after = rate * (since - end)
     return BREEZE(time) + 0.3 * (
-        0.5 * end ** 2 * math.cos(after) + end / rate * math.sin(after))
+        0.5 * end**2 * math.cos(after) + end / rate * math.sin(after)
+    )
 
 
 @pytest.mark.parametrize('noise', [0.1 * NOISE, 0.3 * NOISE])
@@ -305,24 +387,34 @@ def test_sway_outweighs_a_long_learnt_rest():
 
 
 @pytest.mark.parametrize('begin', [24.0, 28.0])
-@pytest.mark.parametrize(('deviation', 'settling', 'left'), [
-    (3e-4, 2.0, 0.004), (3e-3, 2.0, 0.004), (0.01, 2.0, 0.012), (0.1, 6.0, 0.015)])
+@pytest.mark.parametrize(
+    ('deviation', 'settling', 'left'),
+    [(3e-4, 2.0, 0.004), (3e-3, 2.0, 0.004), (0.01, 2.0, 0.012), (0.1, 6.0, 0.015)],
+)
 def test_axis_found_after_13_s_is_not_exaggerated(deviation, settling, left, begin):
     """The estimates of an unknown axis are constant, with a larger deviation."""
     end = begin + 13.0
     found = deepcopy(run(BREEZE, begin, noise=3e-4)).go(
-        BREEZE, 13.0 + settling + 2.0,
+        BREEZE,
+        13.0 + settling + 2.0,
         published=lambda time: deviation if begin <= time < end else 3e-4,
-        spoil=lambda time, values, _: BREEZE(begin) if begin <= time < end else values)
-    jump, errors = np.abs(BREEZE(end) - BREEZE(begin)), np.abs(found.errors[round(50.0 * end):])
+        spoil=lambda time, values, _: BREEZE(begin) if begin <= time < end else values,
+    )
+    jump, errors = (
+        np.abs(BREEZE(end) - BREEZE(begin)),
+        np.abs(found.errors[round(50.0 * end) :]),
+    )
     assert (errors < 1.5 * jump + 0.012).all()
-    assert (errors[round(50.0 * settling):] < left).all()
+    assert (errors[round(50.0 * settling) :] < left).all()
 
 
 def test_velocity_is_the_derivative_of_position():
     predictor = Run(BREEZE, 15.0).predictor
     for ahead in (0.02, 0.12, 0.151, 0.4, 0.7):
         before, after = (
-            predictor.predict(predictor.stamp + ahead + step).position for step in (-1e-5, 1e-5))
+            predictor.predict(predictor.stamp + ahead + step).position
+            for step in (-1e-5, 1e-5)
+        )
         assert predictor.predict(predictor.stamp + ahead).velocity == pytest.approx(
-            np.subtract(after, before) / 2e-5, abs=1e-6)
+            np.subtract(after, before) / 2e-5, abs=1e-6
+        )

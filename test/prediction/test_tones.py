@@ -25,8 +25,13 @@ def fitted(motion, seconds, noise=NOISE, seed=0, stamps=None):
 
 
 def sum_of(*parts):
-    return lambda time: 0.3 + sum(
-        amplitude * np.sin(math.tau * frequency * time) for amplitude, frequency in parts)
+    return lambda time: (
+        0.3
+        + sum(
+            amplitude * np.sin(math.tau * frequency * time)
+            for amplitude, frequency in parts
+        )
+    )
 
 
 TWO = sum_of((0.1, 0.11), (0.02, 0.3))
@@ -57,15 +62,24 @@ def test_tones_are_found_despite_jitter_and_gaps(gap):
     stamps = np.cumsum(np.random.default_rng(1).uniform(0.01, 0.03, 2000))
     stamps[1500:] += gap
     tones, stamp = fitted(TWO, 0.0, stamps=stamps)
-    assert tones.at(stamp, AHEAD)[0] == pytest.approx(TWO(stamp + AHEAD), abs=0.3 * NOISE)
+    assert tones.at(stamp, AHEAD)[0] == pytest.approx(
+        TWO(stamp + AHEAD), abs=0.3 * NOISE
+    )
 
 
-@pytest.mark.parametrize(('motion', 'seconds'), [
-    (lambda time: 0.3, 30.0),
-    (lambda time: TWO(time) if time < 20.0 else 0.3, 28.0 + 0.2 * BLOCKS)], ids=['none', 'ended'])
+@pytest.mark.parametrize(
+    ('motion', 'seconds'),
+    [
+        (lambda time: 0.3, 30.0),
+        (lambda time: TWO(time) if time < 20.0 else 0.3, 28.0 + 0.2 * BLOCKS),
+    ],
+    ids=['none', 'ended'],
+)
 def test_constant_window_has_no_tones(motion, seconds):
     tones, stamp = fitted(motion, seconds)
-    assert tones.at(stamp, AHEAD) == pytest.approx(np.full((1, 3), 0.3), abs=0.2 * NOISE)
+    assert tones.at(stamp, AHEAD) == pytest.approx(
+        np.full((1, 3), 0.3), abs=0.2 * NOISE
+    )
 
 
 def test_random_motion_gives_few_finite_tones():

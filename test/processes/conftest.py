@@ -39,7 +39,9 @@ def vcan0() -> str:
     """Return the name of the virtual CAN interface, or skip with the reason for its absence."""
     if not FLAGS.exists():
         pytest.skip(os.environ.get(MISSING, 'no vcan0 here: run make test'))
-    assert int(FLAGS.read_text(), 16) & IFF_UP, 'vcan0 is down: sudo ip link set vcan0 up'
+    assert int(FLAGS.read_text(), 16) & IFF_UP, (
+        'vcan0 is down: sudo ip link set vcan0 up'
+    )
     return 'vcan0'
 
 
@@ -50,7 +52,8 @@ def bus(request, stack) -> BusSettings:
         return BusSettings('socketcan', request.getfixturevalue('vcan0'))
     shared = 'driver' in request.fixturenames
     return BusSettings(
-        'loopback', stack.channel if shared else f'bus-{os.getpid()}-{next(_numbers)}')
+        'loopback', stack.channel if shared else f'bus-{os.getpid()}-{next(_numbers)}'
+    )
 
 
 @pytest.fixture

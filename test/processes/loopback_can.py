@@ -28,7 +28,8 @@ class LoopbackBus(can.BusABC):
     def __init__(self, channel: str, **details: object) -> None:
         self._everybody = EVERYBODY, 20_000 + zlib.crc32(channel.encode()) % 10_000
         self._receiver, self._sender = (
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)
+        )
         self._receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self._receiver.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         with suppress(PermissionError):
@@ -47,26 +48,40 @@ class LoopbackBus(can.BusABC):
             message = self._take()
             if message is not None and self._matches_filters(message):
                 return message, True
-            timeout = timeout and 0.0  # what has come by now; python-can waits for the rest
+            timeout = (
+                timeout and 0.0
+            )  # what has come by now; python-can waits for the rest
         return None, False
 
     def _take(self) -> can.Message | None:
         data, ((_, _, stamp), *_), _, sender = self._receiver.recvmsg(
-            FRAME.size, socket.CMSG_SPACE(STAMP.size))
+            FRAME.size, socket.CMSG_SPACE(STAMP.size)
+        )
         if sender == self._own_address:
             return None
         seconds, nanoseconds = STAMP.unpack(stamp)
         cob_id, length, data = FRAME.unpack(data)
         return can.Message(
-            seconds + 1e-9 * nanoseconds, cob_id & 0x1FFFFFFF, bool(cob_id & EXTENDED),
-            bool(cob_id & REMOTE), bool(cob_id & ERROR), dlc=length, data=data[:length])
+            seconds + 1e-9 * nanoseconds,
+            cob_id & 0x1FFFFFFF,
+            bool(cob_id & EXTENDED),
+            bool(cob_id & REMOTE),
+            bool(cob_id & ERROR),
+            dlc=length,
+            data=data[:length],
+        )
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame to all other readers."""
-        flags = (EXTENDED * msg.is_extended_id | REMOTE * msg.is_remote_frame
-                 | ERROR * msg.is_error_frame)
+        flags = (
+            EXTENDED * msg.is_extended_id
+            | REMOTE * msg.is_remote_frame
+            | ERROR * msg.is_error_frame
+        )
         self._sender.sendto(
-            FRAME.pack(msg.arbitration_id | flags, msg.dlc, bytes(msg.data)), self._everybody)
+            FRAME.pack(msg.arbitration_id | flags, msg.dlc, bytes(msg.data)),
+            self._everybody,
+        )
 
     def fileno(self) -> int:
         """Return the file descriptor that becomes readable when a frame arrives."""

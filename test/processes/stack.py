@@ -17,9 +17,13 @@ from facade_manipulator.errors import ManipulatorError
 RATE = 50  # Hz
 PERIOD = 1.0 / RATE
 DRIVER = (
-    'controller.realtime_priority:=60', f'controller.rate:={RATE}',
-    'limits.speed:=0.4', 'q1.home_position:=-0.1', 'q2.home_position:=0.1',
-    'q3.home_position:=0.0')
+    'controller.realtime_priority:=60',
+    f'controller.rate:={RATE}',
+    'limits.speed:=0.4',
+    'q1.home_position:=-0.1',
+    'q2.home_position:=0.1',
+    'q3.home_position:=0.0',
+)
 # late cycles of a busy computer must fail only the tests of late cycles
 PATIENCE = ('controller.max_missed_cycles:=10', 'controller.heartbeat_timeout:=0.5')
 
@@ -31,9 +35,11 @@ def promptly(priority: int) -> Callable[[], None]:
     A thread that holds the interpreter of a driver must not wait for other processes, because the
     control loop would wait with it. A guest has one processor.
     """
+
     def begin() -> None:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+
     return begin
 
 
@@ -42,8 +48,11 @@ as_drives, as_driver = promptly(50), promptly(40)  # the control loop itself: 60
 
 def begun(process: subprocess.Popen, words: str) -> subprocess.Popen:
     """Return a process after words in its log; fail at once, with the log, if it ends."""
-    wait_until(lambda: words in process.log.read_text() or process.poll() is not None,
-               f'"{words}" in {process.log.name}', 60.0)
+    wait_until(
+        lambda: words in process.log.read_text() or process.poll() is not None,
+        f'"{words}" in {process.log.name}',
+        60.0,
+    )
     assert process.poll() is None, process.log.read_text()
     return process
 
@@ -77,14 +86,32 @@ class Stack:
         self.end()
         self._details = details
         self._processes = Processes(self._folders.mktemp('stack'))
-        values = (f'bus.interface:={bus.interface}', f'bus.channel:={bus.channel}', *DRIVER,
-                  *parameters)
-        begun(self._processes.start(
-            'facade_manipulator.simulation.drives', '--interface', bus.interface,
-            '--channel', bus.channel, preexec_fn=as_drives), 'nodes 1, 2, 3')
-        self._driver = begun(self._processes.start(
-            'facade_manipulator.nodes.driver', '--ros-args',
-            *(word for value in values for word in ('-p', value)), preexec_fn=as_driver), 'ready')
+        values = (
+            f'bus.interface:={bus.interface}',
+            f'bus.channel:={bus.channel}',
+            *DRIVER,
+            *parameters,
+        )
+        begun(
+            self._processes.start(
+                'facade_manipulator.simulation.drives',
+                '--interface',
+                bus.interface,
+                '--channel',
+                bus.channel,
+                preexec_fn=as_drives,
+            ),
+            'nodes 1, 2, 3',
+        )
+        self._driver = begun(
+            self._processes.start(
+                'facade_manipulator.nodes.driver',
+                '--ros-args',
+                *(word for value in values for word in ('-p', value)),
+                preexec_fn=as_driver,
+            ),
+            'ready',
+        )
         return self._driver
 
     def end(self) -> None:
@@ -96,17 +123,23 @@ class Stack:
 
 def bring_up(client: ManipulatorClient) -> None:
     """Power the drives on like an operator; retry if this computer was too busy."""
+
     def up() -> None:
         client.configure()
         client.home()
         client.activate()
+
     patiently(up, lambda: come_down(client), (ManipulatorError,))
 
 
 def go_on(client: ManipulatorClient) -> None:
     """Activate after a stop; start from configure if this computer was too busy."""
-    patiently(client.activate, lambda: (come_down(client), client.configure(), client.home()),
-              (RequestRejectedError,), tries=2)
+    patiently(
+        client.activate,
+        lambda: (come_down(client), client.configure(), client.home()),
+        (RequestRejectedError,),
+        tries=2,
+    )
 
 
 def come_down(client: ManipulatorClient) -> None:
@@ -114,21 +147,31 @@ def come_down(client: ManipulatorClient) -> None:
     ways = {'active': client.deactivate, 'inactive': client.cleanup}
 
     def is_down() -> bool:
-        with suppress(ManipulatorError):  # the driver was busy, or has left that state by itself
+        with suppress(
+            ManipulatorError
+        ):  # the driver was busy, or has left that state by itself
             state = client.driver_state()
             ways.get(state, bool)()
             return state == 'unconfigured'
         return False
+
     client.wait_until(is_down, 'the driver to be unconfigured', 30.0)
 
 
 def make_sure_of_power(client: ManipulatorClient, watcher) -> None:
     """Wait for three enabled drives; power them on again if this computer was too busy."""
-    patiently(lambda: wait_until_enabled(watcher, 2.0),
-              lambda: (come_down(client), bring_up(client)))
+    patiently(
+        lambda: wait_until_enabled(watcher, 2.0),
+        lambda: (come_down(client), bring_up(client)),
+    )
 
 
 def wait_until_enabled(watcher, deadline: float = DEADLINE) -> None:
-    wait_until(lambda: watcher.states() == [State.OPERATION_ENABLED] * 3
-               and watcher.first(0x77F, 0.0),
-               'three enabled drives and a heartbeat of their master', deadline)
+    wait_until(
+        lambda: (
+            watcher.states() == [State.OPERATION_ENABLED] * 3
+            and watcher.first(0x77F, 0.0)
+        ),
+        'three enabled drives and a heartbeat of their master',
+        deadline,
+    )

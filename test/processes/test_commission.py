@@ -25,9 +25,17 @@ class Jog:
         self.drive = drive
         self.master, terminal = os.openpty()
         self.process = start_process(
-            'facade_manipulator.tools.commissioning', 'jog', 'q1', '150', '--speed', '20',
-            stdin=terminal, stdout=terminal, stderr=terminal,
-            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0))
+            'facade_manipulator.tools.commissioning',
+            'jog',
+            'q1',
+            '150',
+            '--speed',
+            '20',
+            stdin=terminal,
+            stdout=terminal,
+            stderr=terminal,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        )
         os.close(terminal)
         self.shown = ''
         self.read('Do this?')
@@ -49,13 +57,22 @@ def jog(bus, tmp_path, start_process):
     """Return a function that starts a jog of new drives."""
     overlay = Overlay(tmp_path / 'machine.yaml')
     for name in ('q1', 'q2', 'q3'):
-        overlay.write(f'direction {name}', {
-            'axes.profile': 'simulated', 'bus.interface': bus.interface,
-            'bus.channel': bus.channel})
+        overlay.write(
+            f'direction {name}',
+            {
+                'axes.profile': 'simulated',
+                'bus.interface': bus.interface,
+                'bus.channel': bus.channel,
+            },
+        )
     drives = make_drives(_parser().parse_args([]))
     with DriveSimulator(open_bus(bus), drives):
         wait_until(
-            lambda: {drive.axis.state for drive in drives} == {State.SWITCH_ON_DISABLED}, 'boot')
+            lambda: (
+                {drive.axis.state for drive in drives} == {State.SWITCH_ON_DISABLED}
+            ),
+            'boot',
+        )
         yield lambda: Jog(start_process, bus, drives[0])
 
 
@@ -63,7 +80,8 @@ ENDS = {
     'Ctrl-C': lambda jog: os.write(jog.master, b'\x03'),
     'closed terminal': lambda jog: os.close(jog.master),
     'kill': lambda jog: jog.process.kill(),
-    'freeze': lambda jog: jog.process.send_signal(signal.SIGSTOP)}
+    'freeze': lambda jog: jog.process.send_signal(signal.SIGSTOP),
+}
 
 
 @pytest.mark.parametrize('end', ENDS)

@@ -19,15 +19,24 @@ def switch(interface, change, state):
         pytest.skip(f'no permission to switch {interface} {state}')
 
 
-def test_lost_interface_requires_configuration_and_homing(active, driver, watcher, vcan0):
+def test_lost_interface_requires_configuration_and_homing(
+    active, driver, watcher, vcan0
+):
     messages = {}
-    active.node.create_subscription(*DIAGNOSTICS[:2], lambda array: messages.update(
-        (status.name, status.message) for status in array.status), DIAGNOSTICS.qos)
+    active.node.create_subscription(
+        *DIAGNOSTICS[:2],
+        lambda array: messages.update(
+            (status.name, status.message) for status in array.status
+        ),
+        DIAGNOSTICS.qos,
+    )
     make_sure_of_power(active, watcher)
     switch(vcan0, clear_flags, 'down')
     try:
         active.wait_until(lambda: active.driver_state() == 'inactive', 'inactive', 20.0)
-        active.wait_until(lambda: 'down' in messages.get('driver: bus', ''), 'the reason', 20.0)
+        active.wait_until(
+            lambda: 'down' in messages.get('driver: bus', ''), 'the reason', 20.0
+        )
     finally:
         switch(vcan0, set_flags, 'up')
     back = time.time()

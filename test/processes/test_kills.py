@@ -43,27 +43,41 @@ def all_of(times) -> list[float] | None:
     return None if None in found else found
 
 
-@pytest.mark.driver('controller.max_missed_cycles:=10')  # a guest may pause on a busy computer
-def test_frozen_loop_stops_drives_and_enables_none_later(active, driver, watcher, vcan0):
+@pytest.mark.driver(
+    'controller.max_missed_cycles:=10'
+)  # a guest may pause on a busy computer
+def test_frozen_loop_stops_drives_and_enables_none_later(
+    active, driver, watcher, vcan0
+):
     """The kernel continues to send SYNC while the loop is frozen."""
     make_sure_of_power(active, watcher)
-    loop, = children(driver.pid)
+    (loop,) = children(driver.pid)
     begin = time.time()
     os.kill(loop, signal.SIGSTOP)
     try:
-        times = wait_until(lambda: all_of(
-            watcher.first(0x080 + node, begin, misses_heartbeat) for node in NODES), 'the drives')
+        times = wait_until(
+            lambda: all_of(
+                watcher.first(0x080 + node, begin, misses_heartbeat) for node in NODES
+            ),
+            'the drives',
+        )
         last = watcher.last(0x77F, min(times))  # heartbeat of the master
         pause = watcher.pause(last, max(times))
         assert HEARTBEAT_TIMEOUT <= max(times) - last <= QUICK_STOP_WITHIN + pause
-        wait_until(lambda: watcher.states() == [State.QUICK_STOP_ACTIVE] * 3, 'quick stop')
-        wait_until(lambda: time.time() > begin + 2.0 * HEARTBEAT_TIMEOUT, 'a long pause')
+        wait_until(
+            lambda: watcher.states() == [State.QUICK_STOP_ACTIVE] * 3, 'quick stop'
+        )
+        wait_until(
+            lambda: time.time() > begin + 2.0 * HEARTBEAT_TIMEOUT, 'a long pause'
+        )
     finally:
         thawed = time.time()
         os.kill(loop, signal.SIGCONT)
     active.wait_until(lambda: active.driver_state() == 'inactive', 'inactive', 20.0)
     assert all_of(watcher.first(0x200 + node, thawed, stops) for node in NODES)
-    assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [None] * 3
+    assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [
+        None
+    ] * 3
     assert watcher.states() == [State.QUICK_STOP_ACTIVE] * 3
     assert 'the control loop was paused' in active.clear_faults()
     go_on(active)
@@ -72,11 +86,13 @@ def test_frozen_loop_stops_drives_and_enables_none_later(active, driver, watcher
 def test_loop_of_a_killed_node_ramps_down(active, driver, watcher):
     """The drives lose power by commands of the loop, without a quick stop."""
     make_sure_of_power(active, watcher)
-    loop, = children(driver.pid)
+    (loop,) = children(driver.pid)
     begin = time.time()
     os.kill(driver.pid, signal.SIGKILL)
-    off = wait_until(lambda: all_of(
-        watcher.first(0x180 + node, begin, is_off) for node in NODES), 'power off')
+    off = wait_until(
+        lambda: all_of(watcher.first(0x180 + node, begin, is_off) for node in NODES),
+        'power off',
+    )
     assert max(off) - begin <= RAMP_WITHIN + watcher.pause(begin, max(off))
     assert [watcher.first(0x200 + node, begin, stops) for node in NODES] == [None] * 3
     assert [watcher.first(0x080 + node, begin) for node in NODES] == [None] * 3

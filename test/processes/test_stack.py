@@ -31,9 +31,13 @@ def test_kernel_sync_keeps_its_period_beside_other_frames(active, watcher, vcan0
 
 def sync_period(watcher, meanwhile=lambda: time.sleep(0.005)):
     watcher.forget()
-    wait_until(lambda: len(watcher.of(SYNC_COB_ID)) >= 50, '50 SYNC frames', step=meanwhile)
+    wait_until(
+        lambda: len(watcher.of(SYNC_COB_ID)) >= 50, '50 SYNC frames', step=meanwhile
+    )
     stamps = [frame.timestamp for frame in watcher.of(SYNC_COB_ID)]
-    steps = sorted(after - before for before, after in zip(stamps, stamps[1:], strict=False))
+    steps = sorted(
+        after - before for before, after in zip(stamps, stamps[1:], strict=False)
+    )
     return steps[len(steps) // 4]  # a busy machine delays a timer but never hurries it
 
 
@@ -43,32 +47,54 @@ def test_targets_on_the_bus_follow_a_goal(active, watcher, start_process):
     active.node.create_subscription(topic.type, topic.name, heads.append, topic.qos)
 
     goal = Pose(0.06, 0.26, 0.05)
-    targets = [AxisSettings().to_counts(q) for q in inverse_kinematics(Geometry(), goal)]
+    targets = [
+        AxisSettings().to_counts(q) for q in inverse_kinematics(Geometry(), goal)
+    ]
 
     def commanded(node, count=0):  # the newest samples of this number, or all
-        return [struct.unpack_from('<Hbi', frame.data)[2] for frame in watcher.of(
-            RPDO1.cob_id(node))[-count:]]
+        return [
+            struct.unpack_from('<Hbi', frame.data)[2]
+            for frame in watcher.of(RPDO1.cob_id(node))[-count:]
+        ]
 
     def arrived():
         active.send_goal(goal)
         time.sleep(0.2)
         newest = [commanded(node, 1) for node in NODES]
-        return all(found and abs(found[0] - target) <= 50
-                   for found, target in zip(newest, targets, strict=True))
+        return all(
+            found and abs(found[0] - target) <= 50
+            for found, target in zip(newest, targets, strict=True)
+        )
 
     def follow():
-        manipulators.append(start_process(
-            'facade_manipulator.nodes.manipulator', '--ros-args', '-p', 'horizon:=0.2'))
+        manipulators.append(
+            start_process(
+                'facade_manipulator.nodes.manipulator',
+                '--ros-args',
+                '-p',
+                'horizon:=0.2',
+            )
+        )
         active.wait_until(lambda: heads, 'end_effector_pose', 30.0)
         wait_until(arrived, '607A of the goal', 30.0)
 
     # processes in a guest do not always discover each other
-    patiently(follow, lambda: end_process(manipulators[-1]),
-              (NoAnswerError, pytest.fail.Exception))
+    patiently(
+        follow,
+        lambda: end_process(manipulators[-1]),
+        (NoAnswerError, pytest.fail.Exception),
+    )
     steps = commanded(1)
     largest = max(abs(b - a) for a, b in zip(steps, steps[1:], strict=False))
     assert AxisSettings().to_metres(largest) <= 0.5 * PERIOD
     active.wait_until(  # the drives follow their targets a few cycles later
-        lambda: max(abs(a - b) for a, b in zip(
-            planar_pose(heads[-1].pose, 'head'), goal, strict=True)) < 1e-3,
-        'the head at the goal', 20.0)
+        lambda: (
+            max(
+                abs(a - b)
+                for a, b in zip(planar_pose(heads[-1].pose, 'head'), goal, strict=True)
+            )
+            < 1e-3
+        ),
+        'the head at the goal',
+        20.0,
+    )

@@ -22,23 +22,41 @@ class Watcher:
     """Receiver of the frames of drives and master, without its own frames."""
 
     def __init__(self, bus: BusSettings) -> None:
-        self._bus = can.Bus(interface=bus.interface, channel=bus.channel, ignore_config=True)
+        self._bus = can.Bus(
+            interface=bus.interface, channel=bus.channel, ignore_config=True
+        )
         if bus.interface == 'socketcan':
             with suppress(PermissionError):  # keep more than some 250 frames
                 self._bus.socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 8 << 20)
-        self._bus.set_filters([  # few enough frames for a virtual machine to read in time
-            {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False}
-            for cob_id in (0x080, 0x77F, PULSE, *(
-                base + node for base in (0x080, 0x180, 0x200, 0x580) for node in NODES))])
-        self._pulse = can.Bus(interface=bus.interface, channel=bus.channel, ignore_config=True)
+        self._bus.set_filters(
+            [  # few enough frames for a virtual machine to read in time
+                {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False}
+                for cob_id in (
+                    0x080,
+                    0x77F,
+                    PULSE,
+                    *(
+                        base + node
+                        for base in (0x080, 0x180, 0x200, 0x580)
+                        for node in NODES
+                    ),
+                )
+            ]
+        )
+        self._pulse = can.Bus(
+            interface=bus.interface, channel=bus.channel, ignore_config=True
+        )
         self._pulse.send_periodic(
-            can.Message(arbitration_id=PULSE, is_extended_id=False), PULSE_PERIOD)
+            can.Message(arbitration_id=PULSE, is_extended_id=False), PULSE_PERIOD
+        )
         self._frames: dict[int, list[can.Message]] = defaultdict(list)
 
     def read(self) -> None:
         """Store the frames received until now."""
         now = stamp = time.time()
-        with suppress(can.CanOperationError):  # raised once after the interface went down
+        with suppress(
+            can.CanOperationError
+        ):  # raised once after the interface went down
             while stamp <= now and (message := self._bus.recv(0.0)) is not None:
                 stamp = message.timestamp
                 if not message.is_remote_frame:
@@ -56,31 +74,53 @@ class Watcher:
 
     def send(self, cob_id: int, data: bytes) -> None:
         """Send a frame, which this listener does not receive itself."""
-        self._bus.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
+        self._bus.send(
+            can.Message(arbitration_id=cob_id, data=data, is_extended_id=False)
+        )
 
     def first(
-        self, cob_id: int, since: float, wanted: Callable[[bytes], bool] = lambda data: True,
+        self,
+        cob_id: int,
+        since: float,
+        wanted: Callable[[bytes], bool] = lambda data: True,
     ) -> float | None:
         """Return the time of the first frame of a COB-ID after a time [s], None without one."""
-        return next((frame.timestamp for frame in self.of(cob_id)
-                     if frame.timestamp >= since and wanted(bytes(frame.data))), None)
+        return next(
+            (
+                frame.timestamp
+                for frame in self.of(cob_id)
+                if frame.timestamp >= since and wanted(bytes(frame.data))
+            ),
+            None,
+        )
 
     def last(self, cob_id: int, until: float) -> float:
         """Return the time of the last frame of a COB-ID before a time [s]."""
-        return max(frame.timestamp for frame in self.of(cob_id) if frame.timestamp <= until)
+        return max(
+            frame.timestamp for frame in self.of(cob_id) if frame.timestamp <= until
+        )
 
     def pause(self, begin: float, end: float) -> float:
         """Return the duration for which this machine as a whole was paused [s]."""
-        pulses = [frame.timestamp for frame in self.of(PULSE)
-                  if begin - PULSE_PERIOD <= frame.timestamp <= end + PULSE_PERIOD]
-        steps = [after - before for before, after in zip(pulses, pulses[1:], strict=False)]
+        pulses = [
+            frame.timestamp
+            for frame in self.of(PULSE)
+            if begin - PULSE_PERIOD <= frame.timestamp <= end + PULSE_PERIOD
+        ]
+        steps = [
+            after - before for before, after in zip(pulses, pulses[1:], strict=False)
+        ]
         return max(steps) - PULSE_PERIOD
 
     def states(self) -> list[State | None]:
         """Return the states of the drives by their newest TPDO1."""
         newest = [self.of(TPDO1.cob_id(node))[-1:] for node in NODES]
-        return [decode_state(decode_tpdo1(bytes(found[0].data)).statusword) if found else None
-                for found in newest]
+        return [
+            decode_state(decode_tpdo1(bytes(found[0].data)).statusword)
+            if found
+            else None
+            for found in newest
+        ]
 
     def close(self) -> None:
         """Close the bus."""

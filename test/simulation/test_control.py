@@ -19,14 +19,21 @@ GOAL = Pose(0.0, 0.25, 0.0)
 
 def attenuation(cycles):
     """Return the attenuation of x, y and θ [dB]."""
-    errors, without = (np.array([getattr(one, name) for one in cycles])
-                       for name in ('error', 'uncompensated'))
-    return 10.0 * np.log10((without ** 2).mean(axis=0) / (errors ** 2).mean(axis=0))
+    errors, without = (
+        np.array([getattr(one, name) for one in cycles])
+        for name in ('error', 'uncompensated')
+    )
+    return 10.0 * np.log10((without**2).mean(axis=0) / (errors**2).mean(axis=0))
 
 
-@pytest.mark.parametrize(('name', 'drive_lag', 'least'), [
-    ('gusts', DRIVE_LAG, (30.0, 16.0, 20.0)), ('breeze', DRIVE_LAG, (45.0, 30.0, 30.0)),
-    ('breeze', 0.03, (30.0, 16.0, 20.0))])
+@pytest.mark.parametrize(
+    ('name', 'drive_lag', 'least'),
+    [
+        ('gusts', DRIVE_LAG, (30.0, 16.0, 20.0)),
+        ('breeze', DRIVE_LAG, (45.0, 30.0, 30.0)),
+        ('breeze', 0.03, (30.0, 16.0, 20.0)),
+    ],
+)
 def test_sway_is_attenuated_by_the_required_decibels(name, drive_lag, least):
     loop = ClosedLoop(load_scenario(name), drive_lag=drive_lag)
     cycles = loop.follow(GOAL, 15.0)
@@ -38,8 +45,14 @@ def test_sway_is_attenuated_by_the_required_decibels(name, drive_lag, least):
 def path_on_the_wall(wrong_every, size):
     """Return the head's path [m, m, rad] with bursts of wrong estimates."""
     scenario = load_scenario('burst')
-    loop = ClosedLoop(replace(scenario, estimator=replace(
-        scenario.estimator, wrong_every=wrong_every, wrong_offset=(size,) * 3)))
+    loop = ClosedLoop(
+        replace(
+            scenario,
+            estimator=replace(
+                scenario.estimator, wrong_every=wrong_every, wrong_offset=(size,) * 3
+            ),
+        )
+    )
     return np.array([one.head for one in loop.follow(GOAL, 12.0)])
 
 
@@ -52,9 +65,16 @@ def test_bursts_of_wrong_estimates_do_not_move_the_head(size):
 def pressed(stiffness, duration):
     """Return the loop and the force on the wall of each cycle [N]."""
     scenario = load_scenario('pressing')
-    loop = ClosedLoop(replace(
-        scenario, wall=replace(scenario.wall, brush_stiffness=stiffness),
-        compensator={**scenario.compensator, 'contact.stiffness': min(stiffness, 5000.0)}))
+    loop = ClosedLoop(
+        replace(
+            scenario,
+            wall=replace(scenario.wall, brush_stiffness=stiffness),
+            compensator={
+                **scenario.compensator,
+                'contact.stiffness': min(stiffness, 5000.0),
+            },
+        )
+    )
     return loop, np.array([-one.wrench.fy for one in loop.mission(duration)])
 
 

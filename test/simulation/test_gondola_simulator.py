@@ -11,7 +11,11 @@ from facade_manipulator.kinematics import compose, Geometry, inverse_kinematics,
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped, ros_time
 from facade_manipulator.nodes.messages import planar_pose, seconds
 from facade_manipulator.simulation import gondola_simulator
-from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode, POSES, raw_fields
+from facade_manipulator.simulation.gondola_simulator import (
+    GondolaSimulatorNode,
+    POSES,
+    raw_fields,
+)
 
 HEAD = Pose(0.03, 0.25, 0.02)  # in frame rail
 POSITIONS = inverse_kinematics(Geometry(), HEAD)
@@ -24,7 +28,9 @@ class Bench(NodeBench):
         super().__init__(ros, GondolaSimulatorNode, parameters)
 
     def send(self, positions=POSITIONS):
-        self.publish(topics.JOINT_STATES, joint_state(ros_time(), positions, (0.0, 0.0, 0.0)))
+        self.publish(
+            topics.JOINT_STATES, joint_state(ros_time(), positions, (0.0, 0.0, 0.0))
+        )
 
     def stream(self):
         """Send the positions now and at 50 Hz from then on."""
@@ -36,7 +42,9 @@ def test_estimates_have_frame_and_variances(ros):
     received = Bench(ros).collect(topics.DISTURBANCE)
     ros.until(lambda: received, 'an estimate')
     assert received[-1].header.frame_id == 'facade'
-    assert received[-1].pose.covariance[[0, 35]] == pytest.approx((1e-6, math.radians(0.1) ** 2))
+    assert received[-1].pose.covariance[[0, 35]] == pytest.approx(
+        (1e-6, math.radians(0.1) ** 2)
+    )
 
 
 def test_head_and_errors_follow_rail_carriages_and_goal(ros):
@@ -45,50 +53,76 @@ def test_head_and_errors_follow_rail_carriages_and_goal(ros):
     bench.publish(topics.GOAL_POSE, pose_stamped('facade', ros_time(), HEAD))
     bench.stream()
     ros.until(lambda: all(len(poses) > 10 for poses in received), 'the errors')
-    tables = [{seconds(one.header.stamp): planar_pose(one.pose, 'pose') for one in poses}
-              for poses in received]
+    tables = [
+        {seconds(one.header.stamp): planar_pose(one.pose, 'pose') for one in poses}
+        for poses in received
+    ]
     newest = max(set.intersection(*map(set, tables)))
     head, rail, error, uncompensated = (table[newest] for table in tables)
     assert head == pytest.approx(compose(rail, HEAD), abs=1e-4)
     assert error.y == pytest.approx(head.y - HEAD.y)
-    assert uncompensated.y == pytest.approx(head.y - HEAD.y, abs=1e-3)  # the carriages are at rest
+    assert uncompensated.y == pytest.approx(
+        head.y - HEAD.y, abs=1e-3
+    )  # the carriages are at rest
 
 
 def test_errors_without_subscriber_are_not_computed(ros, monkeypatch):
     calls = []
-    monkeypatch.setattr(gondola_simulator, 'difference', lambda *poses: calls.append(poses))
+    monkeypatch.setattr(
+        gondola_simulator, 'difference', lambda *poses: calls.append(poses)
+    )
     bench = Bench(ros)
     heads = bench.collect(topics.HEAD_POSE)
     bench.publish(topics.GOAL_POSE, pose_stamped('facade', ros_time(), HEAD))
     bench.stream()
-    ros.until(lambda: len(bench.tested._poses) == len(POSES) and len(heads) > 3, 'goal and poses')
+    ros.until(
+        lambda: len(bench.tested._poses) == len(POSES) and len(heads) > 3,
+        'goal and poses',
+    )
     assert calls == []
 
 
 def test_wall_acts_on_head_sensor_and_carriages(ros):
     bench = Bench(ros, scenario='pressing')
-    wrenches, loads = map(bench.collect, (topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES))
+    wrenches, loads = map(
+        bench.collect, (topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES)
+    )
     bench.stream()
-    ros.until(lambda: any(message.wrench.force.y < -5.0 for message in wrenches), 'a wrench')
+    ros.until(
+        lambda: any(message.wrench.force.y < -5.0 for message in wrenches), 'a wrench'
+    )
     # The wall at 0.19 m pushes a head at 0.25 m back; the loads may arrive after the wrench.
-    ros.until(lambda: any(one.effort[0] > 0.0 > one.effort[1] for one in loads), 'the loads')
+    ros.until(
+        lambda: any(one.effort[0] > 0.0 > one.effort[1] for one in loads), 'the loads'
+    )
 
 
-@pytest.mark.parametrize(('scenario', 'published'), [
-    ('breeze', [topics.DISTURBANCE]),
-    ('sensors', [topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X])])
-def test_simulator_publishes_only_measurements_of_its_scenario(ros, scenario, published):
+@pytest.mark.parametrize(
+    ('scenario', 'published'),
+    [
+        ('breeze', [topics.DISTURBANCE]),
+        ('sensors', [topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X]),
+    ],
+)
+def test_simulator_publishes_only_measurements_of_its_scenario(
+    ros, scenario, published
+):
     bench = Bench(ros, scenario=scenario)
     received = [*map(bench.collect, published)]
     ros.until(lambda: all(received), 'the measurements')
-    names = {publisher.topic_name.rpartition('/')[2] for publisher in bench.tested.publishers}
+    names = {
+        publisher.topic_name.rpartition('/')[2] for publisher in bench.tested.publishers
+    }
     assert names - {'diagnostics', 'rosout', 'parameter_events'} == {
-        topic.name.rpartition('/')[2] for topic in (*POSES, *published)}
+        topic.name.rpartition('/')[2] for topic in (*POSES, *published)
+    }
 
 
 def test_raw_measurements_fill_the_fields_of_their_messages():
-    imu, distance, fix = (raw_fields(topic.name, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-                          for topic in (topics.IMU, topics.RANGE_1, topics.FIX_X))
+    imu, distance, fix = (
+        raw_fields(topic.name, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+        for topic in (topics.IMU, topics.RANGE_1, topics.FIX_X)
+    )
     assert (imu['angular_velocity'].x, imu['linear_acceleration'].z) == (1.0, 6.0)
     assert distance['range'] == fix['point'].x == 1.0
 
@@ -104,8 +138,13 @@ def test_impossible_joint_states_are_rejected_and_counted(ros, positions):
 
 def test_viewer_is_closed_with_the_node(ros, monkeypatch):
     calls = []
-    monkeypatch.setattr(gondola_simulator, 'open_viewer', lambda world: SimpleNamespace(
-        sync=lambda: calls.append('sync'), close=lambda: calls.append('close')))
+    monkeypatch.setattr(
+        gondola_simulator,
+        'open_viewer',
+        lambda world: SimpleNamespace(
+            sync=lambda: calls.append('sync'), close=lambda: calls.append('close')
+        ),
+    )
     bench = Bench(ros, viewer=True)
     ros.until(lambda: 'sync' in calls, 'a picture')
     bench.tested.close()

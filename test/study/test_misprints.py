@@ -11,16 +11,27 @@ from facade_manipulator.kinematics import (
     Pose,
 )
 
-MISPRINTS = ('v', 'twice', 'over', 'q3', 'A10', 'A8', 'A9')  # in the order of docs/paper.md
+MISPRINTS = (
+    'v',
+    'twice',
+    'over',
+    'q3',
+    'A10',
+    'A8',
+    'A9',
+)  # in the order of docs/paper.md
 POSES = (Pose(0.1, 0.25, 0.15), Pose(-0.2, 0.15, -0.1))
 
 
 def test_equation_11_is_correct_with_the_velocity_of_q2():
     geometry, y, theta, b, step = Geometry(), 0.25, 0.1, 0.348, 1e-6
     before, (_, q2, q3), after = (
-        inverse_kinematics(geometry, Pose(0.0, y, theta + turn * step)) for turn in (-1, 0, 1))
+        inverse_kinematics(geometry, Pose(0.0, y, theta + turn * step))
+        for turn in (-1, 0, 1)
+    )
     rate1, rate2, rate3 = (  # of the carriages for one rad/s
-        (late - early) / (2 * step) for early, late in zip(before, after, strict=True))
+        (late - early) / (2 * step) for early, late in zip(before, after, strict=True)
+    )
     factor = 2 * b * cos(theta) - 2 * q2 + 2 * q3
     right = 2 * b * sin(theta) * (q2 - q3) + 2 * b * y * cos(theta)
     assert factor * (rate2 - rate3) == pytest.approx(right, abs=1e-9)
@@ -30,11 +41,15 @@ def test_equation_11_is_correct_with_the_velocity_of_q2():
 @pytest.mark.parametrize('pose', POSES)
 @pytest.mark.parametrize('misprint', ['', *MISPRINTS])
 def test_appendix_index_is_correct_only_as_corrected(pose, misprint):
-    error = abs(index(pose, misprint) / local_conditioning_index(Geometry(), pose) - 1.0)
+    error = abs(
+        index(pose, misprint) / local_conditioning_index(Geometry(), pose) - 1.0
+    )
     assert error > 1e-4 if misprint else error < 1e-12
 
 
-def index(pose: Pose, printed: str = '', length: float = 0.352, b: float = 0.348) -> float:
+def index(
+    pose: Pose, printed: str = '', length: float = 0.352, b: float = 0.348
+) -> float:
     """Return the inverse condition number of the appendix, with one formula as printed."""
     _, y, theta = pose
     s, c = sin(theta), cos(theta)
@@ -48,16 +63,25 @@ def index(pose: Pose, printed: str = '', length: float = 0.352, b: float = 0.348
     a10, a11 = (q3 - q2 + b * c) ** 2, (q1 - q3 + b * c) ** 2
     v = 0.0 if printed == 'v' else 1.0
     norm = (
-        (y + a7) ** 2 / (3 * a10) + (y - v * a7) ** 2 / (3 * a11)
+        (y + a7) ** 2 / (3 * a10)
+        + (y - v * a7) ** 2 / (3 * a11)
         + (a4 + a3 - a1) ** 2 / (3 * a11)
-        + (a4 + (a3 if printed == 'twice' else a2) - a1) ** 2 / (3 * a10) + 1)
+        + (a4 + (a3 if printed == 'twice' else a2) - a1) ** 2 / (3 * a10)
+        + 1
+    )
     bracket = (
-        2 * q3 * q3 * s * (s if printed == 'q3' else 1.0) + (q1 + q2 - 2 * q3) * y * c
-        + 2 * (q1 * q2 - q1 * q3 - q2 * q3) * s + b * (q2 - q1) * c * s) ** 2
+        2 * q3 * q3 * s * (s if printed == 'q3' else 1.0)
+        + (q1 + q2 - 2 * q3) * y * c
+        + 2 * (q1 * q2 - q1 * q3 - q2 * q3) * s
+        + b * (q2 - q1) * c * s
+    ) ** 2
     inverse = (
         (bracket + 1.0 if printed == 'over' else bracket / a9)
         + (q1 * y - q2 * y + 2 * b * y * c + a3 + a2 - 2 * b * q3 * s) ** 2 / a8
         + (a10 if printed == 'A10' else a11) * (a6 + q2 * s - a5) ** 2 / a9
         + a10 * (a6 + q1 * s - a5) ** 2 / a9
-        + a11 * (y + a7) ** 2 / a8 + a10 * (y - a7) ** 2 / a8 + 1 / 3)
+        + a11 * (y + a7) ** 2 / a8
+        + a10 * (y - a7) ** 2 / a8
+        + 1 / 3
+    )
     return 1 / sqrt(norm * inverse)

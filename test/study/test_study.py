@@ -34,24 +34,54 @@ def numbers(tmp_path, arguments):
 def test_table_2_in_json_has_its_keys_and_ratios(tmp_path):
     rows = numbers(tmp_path, '--table2')['table2']
     assert [(row['l'], row['b'], round(row['ratio'], 3)) for row in rows] == [
-        (0.15, 0.55, 0.788), (0.2, 0.5, 0.803), (0.25, 0.45, 0.834), (0.3, 0.4, 0.870),
-        (0.352, 0.348, 0.986)]
+        (0.15, 0.55, 0.788),
+        (0.2, 0.5, 0.803),
+        (0.25, 0.45, 0.834),
+        (0.3, 0.4, 0.870),
+        (0.352, 0.348, 0.986),
+    ]
     assert rows[-1]['paper'] == {'area': 0.328, 'ratio': 0.986, 'good_area': 0.323}
-    assert all(0.0 < row['good_area_section'] < row['area_section'] < row['area_union']
-               for row in rows)
+    assert all(
+        0.0 < row['good_area_section'] < row['area_section'] < row['area_union']
+        for row in rows
+    )
 
 
-@pytest.mark.parametrize(('arguments', 'part', 'expected'), [
-    ('--summary', 'summary', {
-        'y_min': approx(0.05292, abs=1e-5), 'theta_max': approx(radians(19.02), abs=2e-4),
-        'ratio': approx(0.986, abs=2e-3)}),
-    ('--ranges --y 0.2 --stroke 1.2 --gap 0.02 --l 0.36 --b 0.34', 'ranges', {
-        'x_max': approx(0.6 - 0.34 + (0.36 ** 2 - 0.2 ** 2) ** 0.5)}),
-    ('--singularity --l 0.25 --b 0.45', 'beyond_parallel_singularity', {
-        'l': 0.25, 'b': 0.45, 'share': approx(0.43, abs=0.05)}),
-    pytest.param('--optimise volume --step 0.01', 'optimum', {
-        'objective': 'volume', 'link_length': 0.35, 'designs': 'l >= b', 'count': 6},
-        marks=pytest.mark.realtime)])
+@pytest.mark.parametrize(
+    ('arguments', 'part', 'expected'),
+    [
+        (
+            '--summary',
+            'summary',
+            {
+                'y_min': approx(0.05292, abs=1e-5),
+                'theta_max': approx(radians(19.02), abs=2e-4),
+                'ratio': approx(0.986, abs=2e-3),
+            },
+        ),
+        (
+            '--ranges --y 0.2 --stroke 1.2 --gap 0.02 --l 0.36 --b 0.34',
+            'ranges',
+            {'x_max': approx(0.6 - 0.34 + (0.36**2 - 0.2**2) ** 0.5)},
+        ),
+        (
+            '--singularity --l 0.25 --b 0.45',
+            'beyond_parallel_singularity',
+            {'l': 0.25, 'b': 0.45, 'share': approx(0.43, abs=0.05)},
+        ),
+        pytest.param(
+            '--optimise volume --step 0.01',
+            'optimum',
+            {
+                'objective': 'volume',
+                'link_length': 0.35,
+                'designs': 'l >= b',
+                'count': 6,
+            },
+            marks=pytest.mark.realtime,
+        ),
+    ],
+)
 def test_study_numbers_follow_the_options(tmp_path, capsys, arguments, part, expected):
     found = numbers(tmp_path, arguments)[part]
     row = found if isinstance(found, dict) else found[0]
@@ -78,11 +108,14 @@ def test_four_modes_share_the_platform_and_the_link_lengths():
         assert joints[f'a{side}'][1] == 0.0
         assert dist(joints[f'a{side}'], joints[f'b{side}']) == approx(0.352)
     q1, q2 = [{round(joints[name][0], 6) for joints in at} for name in ('a1', 'a2')]
-    assert len(q1) == len(q2) == 2 and max(q1) < 0.05 < min(q2)  # “+−” is the narrowest mode
+    assert len(q1) == len(q2) == 2 and max(q1) < 0.05 < min(
+        q2
+    )  # “+−” is the narrowest mode
 
 
-@pytest.mark.parametrize('geometry', [
-    DESIGN, NO_GAP, Geometry(0.352, 0.348, (-0.2, 0.3), 0.02)])
+@pytest.mark.parametrize(
+    'geometry', [DESIGN, NO_GAP, Geometry(0.352, 0.348, (-0.2, 0.3), 0.02)]
+)
 def test_extremes_are_certified_but_not_a_step_beyond(geometry):
     steps = Pose(0.0, 0.0, 1e-3), Pose(0.0, 1e-3, 0.0), Pose(1e-3, 0.0, 0.0)
     for pose, step in zip(extremes(geometry), steps, strict=True):
@@ -91,17 +124,24 @@ def test_extremes_are_certified_but_not_a_step_beyond(geometry):
             Mechanism(geometry).certify(add(pose, step), min_conditioning=0.0)
 
 
-@pytest.mark.parametrize(('arguments', 'message'), [
-    ('--l -0.35 --table2', 'link_length = -0.35 m is below its minimum'),
-    ('--ranges --y 0.5', 'y = 0.5 m rejected'),
-    ('--ranges --y nan', 'y = nan m rejected'),
-    ('--summary --l 0.15 --b 0.55 --stroke 0.6', 'the workspace is empty'),
-    ('--optimise beauty', "invalid choice: 'beauty'"),
-    ('--optimise area --sum 2', 'outside Table 1'),
-    ('--table2 --threshold 0', '0 is not a finite number above 0'),
-    ('--ranges --json {0}/none/numbers.json', '{0}/none'), ('--ranges --json {0}', '{0}'),
-    ('--ranges --figures {0}/file', '{0}/file')])
-def test_bad_input_exits_with_2_and_writes_nothing(arguments, message, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        ('--l -0.35 --table2', 'link_length = -0.35 m is below its minimum'),
+        ('--ranges --y 0.5', 'y = 0.5 m rejected'),
+        ('--ranges --y nan', 'y = nan m rejected'),
+        ('--summary --l 0.15 --b 0.55 --stroke 0.6', 'the workspace is empty'),
+        ('--optimise beauty', "invalid choice: 'beauty'"),
+        ('--optimise area --sum 2', 'outside Table 1'),
+        ('--table2 --threshold 0', '0 is not a finite number above 0'),
+        ('--ranges --json {0}/none/numbers.json', '{0}/none'),
+        ('--ranges --json {0}', '{0}'),
+        ('--ranges --figures {0}/file', '{0}/file'),
+    ],
+)
+def test_bad_input_exits_with_2_and_writes_nothing(
+    arguments, message, tmp_path, capsys
+):
     file = tmp_path / 'file'
     file.write_text('mine')
     assert run(f'--json {tmp_path}/numbers.json ' + arguments.format(tmp_path)) == 2
@@ -131,7 +171,11 @@ def test_missing_cluster_library_is_named(monkeypatch, capsys):
 def test_study_without_options_computes_everything(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(study, 'PARTS', {'ranges': study.PARTS['ranges']})
-    monkeypatch.setattr(study, '_draw', lambda folder, *others: (folder / 'figure.png').touch())
+    monkeypatch.setattr(
+        study, '_draw', lambda folder, *others: (folder / 'figure.png').touch()
+    )
     assert run('') == 0
     assert sorted(path.name for path in Path('workspace_report').iterdir()) == [
-        'figure.png', 'study.json']
+        'figure.png',
+        'study.json',
+    ]

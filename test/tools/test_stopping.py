@@ -24,23 +24,46 @@ HEAVIEST = 0.7  # deceleration with the heaviest load, as a share
 def analysis(lag: float = 0.015, gap: float = 0.02) -> StoppingAnalysis:
     """Return the analysis of drives with a lag [s] and carriages with a gap [m]."""
     return StoppingAnalysis(
-        Geometry(carriage_gap=gap), LIMITS, DEFAULT_AXES, ControllerSettings(drive_lag=lag))
+        Geometry(carriage_gap=gap),
+        LIMITS,
+        DEFAULT_AXES,
+        ControllerSettings(drive_lag=lag),
+    )
 
 
 def test_stopping_prints_the_table_of_parameter_files(capsys):
-    assert main([str(config_path(name)) for name in ('manipulator.yaml', 'simulation.yaml')]) == 0
+    assert (
+        main(
+            [str(config_path(name)) for name in ('manipulator.yaml', 'simulation.yaml')]
+        )
+        == 0
+    )
     capsys.readouterr()
     assert main([]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert 'one brakes independently and reports            5.4 mm' in lines[2]
     assert [line.split()[2] for line in lines if 'm/s  ' in line][-5:] == [
-        '7.3', '15.3', '37.0', '47.3', '59.3']
+        '7.3',
+        '15.3',
+        '37.0',
+        '47.3',
+        '59.3',
+    ]
 
 
-@pytest.mark.parametrize(('parameters', 'message'), [
-    ('axes: {stop_deceleration: 1.5}', 'beyond the stroke'),
-    ('limits: {sped: 0.3}', "no parameter 'limits.sped': did you mean 'limits.speed'?")])
-def test_stopping_rejects_files_that_the_driver_rejects(tmp_path, capsys, parameters, message):
+@pytest.mark.parametrize(
+    ('parameters', 'message'),
+    [
+        ('axes: {stop_deceleration: 1.5}', 'beyond the stroke'),
+        (
+            'limits: {sped: 0.3}',
+            "no parameter 'limits.sped': did you mean 'limits.speed'?",
+        ),
+    ],
+)
+def test_stopping_rejects_files_that_the_driver_rejects(
+    tmp_path, capsys, parameters, message
+):
     file = tmp_path / 'wrong.yaml'
     file.write_text(f'/**/driver:\n  ros__parameters:\n    {parameters}\n')
     assert main([str(config_path('manipulator.yaml')), str(file)]) == 1
@@ -53,17 +76,27 @@ def test_stopping_rejects_files_that_the_driver_rejects(tmp_path, capsys, parame
 def test_stop_category_1_leaves_5_mm_at_every_speed(lag, gap, load):
     late = analysis(lag, gap)
     deceleration = load * late.separation.deceleration
-    assert min(remaining(late, speed, INPUT_SPREAD, deceleration)
-               for speed in (0.1, 0.2, 0.3, 0.4, 0.5)) >= 0.005
+    assert (
+        min(
+            remaining(late, speed, INPUT_SPREAD, deceleration)
+            for speed in (0.1, 0.2, 0.3, 0.4, 0.5)
+        )
+        >= 0.005
+    )
 
 
 def test_stop_category_0_leaves_less_with_less_friction():
-    left = [remaining(analysis(), 0.5, RELAY_SPREAD, (1.0 - SCATTER) * coasting)
-            for coasting in (1.0, 1.87, 5.0)]
+    left = [
+        remaining(analysis(), 0.5, RELAY_SPREAD, (1.0 - SCATTER) * coasting)
+        for coasting in (1.0, 1.87, 5.0)
+    ]
     assert left == sorted(left) and left[1] < 0.0
 
 
 def test_sto_follows_the_stop_of_the_heaviest_load():
     found = analysis()
-    needed = LIMITS.speed / (HEAVIEST * found.separation.deceleration) + found.controller.drive_lag
+    needed = (
+        LIMITS.speed / (HEAVIEST * found.separation.deceleration)
+        + found.controller.drive_lag
+    )
     assert needed < sto_delay(found) < needed + 0.02

@@ -40,16 +40,34 @@ from facade_manipulator.simulation.world.scenario import load_scenario
 NAMESPACE = 'demo'
 RECORDED = topics.HEAD_POSE, topics.RAIL_POSE, topics.REFERENCE, topics.CONTACT_WRENCH
 SAMPLES = 30_000  # for each topic: the last 300 s at 100 Hz
-OPERATION, CORRECTION = 'driver: operation', 'compensator: correction'  # on /diagnostics
+OPERATION, CORRECTION = (
+    'driver: operation',
+    'compensator: correction',
+)  # on /diagnostics
 COUNTERS = {  # component and key on /diagnostics
-    'bus_cycles': ('driver: bus', 'cycles'), 'late_cycles': ('driver: bus', 'late commands'),
-    'missed_cycles': ('driver: bus', 'missed cycles'), 'drive_faults': (OPERATION, 'drive faults'),
-    'rejected_goals': ('ik_service: goal', 'rejected')}
+    'bus_cycles': ('driver: bus', 'cycles'),
+    'late_cycles': ('driver: bus', 'late commands'),
+    'missed_cycles': ('driver: bus', 'missed cycles'),
+    'drive_faults': (OPERATION, 'drive faults'),
+    'rejected_goals': ('ik_service: goal', 'rejected'),
+}
 MODULES = 'simulation.gondola_simulator', 'nodes.driver', 'nodes.manipulator'
 ESTIMATOR = 'nodes.disturbance_estimator'  # only with raw sensors
-START = 'setpriv', '--pdeathsig', 'TERM', sys.executable, '-uPm'  # a node ends with the demo
+START = (
+    'setpriv',
+    '--pdeathsig',
+    'TERM',
+    sys.executable,
+    '-uPm',
+)  # a node ends with the demo
 PARAMETER_FILES = config_path('manipulator.yaml'), config_path('simulation.yaml')
-RESULTS = 'summary.json', 'errors.png', 'force.png', 'linkage.gif', 'disturbance_estimator.log'
+RESULTS = (
+    'summary.json',
+    'errors.png',
+    'force.png',
+    'linkage.gif',
+    'disturbance_estimator.log',
+)
 ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
 END_TIMEOUT = 5.0  # s, after which a node is killed
 TURN = 0.1  # s, period of the checks of goal and drives
@@ -67,19 +85,29 @@ class Demo:
         self.duration: float = options.duration or self.scenario.mission.duration
         self.output.mkdir(parents=True, exist_ok=True)
         self.nodes: dict[str, subprocess.Popen[bytes]] = {}
-        self.components = defaultdict[str, DiagnosticStatus](  # latest diagnostics by name
-            partial(DiagnosticStatus, level=DiagnosticStatus.STALE))
+        self.components = defaultdict[
+            str, DiagnosticStatus
+        ](  # latest diagnostics by name
+            partial(DiagnosticStatus, level=DiagnosticStatus.STALE)
+        )
         self.tables = [deque[tuple[float, ...]](maxlen=SAMPLES) for _ in RECORDED]
         initialise()  # rclpy's own signal handlers would end ROS before the drives are stopped
         self.client = ManipulatorClient(NAMESPACE, 'demo_supervisor', self.watch)
         # Its messages wait until `watch` takes them: an executor, which wakes for each of them,
         # would use a tenth of a processor.
-        self.recorder = Node('demo_recorder', namespace=NAMESPACE, start_parameter_services=False)
+        self.recorder = Node(
+            'demo_recorder', namespace=NAMESPACE, start_parameter_services=False
+        )
         for topic, table in zip(RECORDED, self.tables, strict=True):
             self.recorder.create_subscription(
-                topic.type, topic.name, partial(keep_values, table), topics.QUEUE)
+                topic.type, topic.name, partial(keep_values, table), topics.QUEUE
+            )
         self.recorder.create_subscription(
-            topics.DIAGNOSTICS.type, topics.DIAGNOSTICS.name, self.keep_components, topics.QUEUE)
+            topics.DIAGNOSTICS.type,
+            topics.DIAGNOSTICS.name,
+            self.keep_components,
+            topics.QUEUE,
+        )
 
     def run(self) -> None:
         """Run to the end; in every case stop the drives and end the nodes."""
@@ -92,10 +120,14 @@ class Demo:
             say('compensator: wait for an estimate of the disturbance')
             self.client.wait_until(
                 lambda: messages.status_level(self.components[CORRECTION]) == 'ok',
-                'an estimate of the disturbance', ESTIMATE_TIMEOUT)
+                'an estimate of the disturbance',
+                ESTIMATE_TIMEOUT,
+            )
             self.send_goals()
         finally:
-            handle_signals(signal.SIG_IGN)  # no signal interrupts the stop of the drives
+            handle_signals(
+                signal.SIG_IGN
+            )  # no signal interrupts the stop of the drives
             self.end_nodes()
         self.report(report.Run(self.tables, self.scenario))
 
@@ -103,22 +135,47 @@ class Demo:
         """Start the nodes with the parameters of the scenario."""
         say(self.scenario.description)
         for name in RESULTS:
-            (self.output / name).unlink(missing_ok=True)  # files of an earlier run would mislead
+            (self.output / name).unlink(
+                missing_ok=True
+            )  # files of an earlier run would mislead
         parameters = self.output / 'scenario.yaml'
-        parameters.write_text(json.dumps({  # `-p` would not overrule manipulator.yaml
-            '/**/compensator': {'ros__parameters': self.scenario.compensator},
-            '/**/gondola_simulator': {'ros__parameters': {
-                'scenario': self.options.scenario, 'viewer': self.options.viewer}}}))
-        files = [word for file in (*PARAMETER_FILES, parameters)
-                 for word in ('--params-file', str(file))]
-        say(f'starting the nodes (logs in {self.output}/); Ctrl-C stops the drives first')
+        parameters.write_text(
+            json.dumps(
+                {  # `-p` would not overrule manipulator.yaml
+                    '/**/compensator': {'ros__parameters': self.scenario.compensator},
+                    '/**/gondola_simulator': {
+                        'ros__parameters': {
+                            'scenario': self.options.scenario,
+                            'viewer': self.options.viewer,
+                        }
+                    },
+                }
+            )
+        )
+        files = [
+            word
+            for file in (*PARAMETER_FILES, parameters)
+            for word in ('--params-file', str(file))
+        ]
+        say(
+            f'starting the nodes (logs in {self.output}/); Ctrl-C stops the drives first'
+        )
         for module in (*MODULES, *([ESTIMATOR] if self.scenario.raw_sensors else [])):
             name = module.split('.')[1]
             with (self.output / f'{name}.log').open('w') as log:
                 self.nodes[name] = subprocess.Popen(
-                    [*START, f'facade_manipulator.{module}', '--ros-args',
-                     '-r', f'__ns:=/{NAMESPACE}', *files], stdout=log, stderr=log,
-                    process_group=0)  # Ctrl-C in the terminal reaches only the demo
+                    [
+                        *START,
+                        f'facade_manipulator.{module}',
+                        '--ros-args',
+                        '-r',
+                        f'__ns:=/{NAMESPACE}',
+                        *files,
+                    ],
+                    stdout=log,
+                    stderr=log,
+                    process_group=0,
+                )  # Ctrl-C in the terminal reaches only the demo
 
     def watch(self) -> None:
         """Receive messages and check the nodes; called while the demo waits."""
@@ -136,18 +193,25 @@ class Demo:
             if elapsed < self.duration and goal != self.client.goal:
                 self.client.send_goal(goal)
             self.watch()
-            operation, correction = self.components[OPERATION], self.components[CORRECTION]
+            operation, correction = (
+                self.components[OPERATION],
+                self.components[CORRECTION],
+            )
             if messages.status_level(operation) == 'error':
                 raise ManipulatorError(f'driver: {operation.message}')
             if elapsed >= lines:  # one each second
                 lines += 1
                 figures = ['error not measured yet']
                 with suppress(ManipulatorError):
-                    figures = report.Run([list(table)[-LINE_SAMPLES:] for table in self.tables],
-                                         self.scenario).figures
-                say(f'{elapsed:5.1f} s of {self.duration:g} s | {operation.message}, '
+                    figures = report.Run(
+                        [list(table)[-LINE_SAMPLES:] for table in self.tables],
+                        self.scenario,
+                    ).figures
+                say(
+                    f'{elapsed:5.1f} s of {self.duration:g} s | {operation.message}, '
                     f'{correction.message} | RMS of 1 s: {", ".join(figures)} | '
-                    f'{as_text(self.counters())}')
+                    f'{as_text(self.counters())}'
+                )
             time.sleep(TURN)
 
     def end_nodes(self) -> None:
@@ -166,15 +230,28 @@ class Demo:
 
     def report(self, run: report.Run) -> None:
         """Print and draw the run; raises a ManipulatorError if a result is below its bound."""
-        names, counters = ('disturbance_rms', 'residual_rms', 'attenuation_db'), self.counters()
-        axes = {axis: dict(zip(names, figures, strict=True))
-                for (axis, *_), figures in zip(POSE_AXES, run.rms.tolist(), strict=True)}
-        (self.output / 'summary.json').write_text(json.dumps(
-            {'axes': axes, 'duration_s': self.duration, **counters}, indent=2) + '\n')
+        names, counters = (
+            ('disturbance_rms', 'residual_rms', 'attenuation_db'),
+            self.counters(),
+        )
+        axes = {
+            axis: dict(zip(names, figures, strict=True))
+            for (axis, *_), figures in zip(POSE_AXES, run.rms.tolist(), strict=True)
+        }
+        (self.output / 'summary.json').write_text(
+            json.dumps(
+                {'axes': axes, 'duration_s': self.duration, **counters}, indent=2
+            )
+            + '\n'
+        )
         # a signal may end the drawing, which is in memory, but not the writing of a file
         handle_signals(signal.default_int_handler)
-        say('RMS error on the wall without → with compensation (attenuation)', *run.figures,
-            as_text(counters), f'drawing the pictures in {self.output}/')
+        say(
+            'RMS error on the wall without → with compensation (attenuation)',
+            *run.figures,
+            as_text(counters),
+            f'drawing the pictures in {self.output}/',
+        )
         pictures = report.draw(run)
         handle_signals(signal.SIG_IGN)
         for name, content in pictures.items():
@@ -183,16 +260,21 @@ class Demo:
         if run.low and self.duration >= self.scenario.mission.shown_after:
             raise ManipulatorError(
                 f'attenuation too low: {"; ".join(run.low)}; {as_text(counters)}; '
-                'next: end other programs and run it again, then read the logs of the nodes')
+                'next: end other programs and run it again, then read the logs of the nodes'
+            )
 
     def keep_components(self, message: Any) -> None:
         """Store the components of a node by their names without the namespace."""
-        self.components.update((one.name.partition('/')[2], one) for one in message.status)
+        self.components.update(
+            (one.name.partition('/')[2], one) for one in message.status
+        )
 
     def counters(self) -> dict[str, int]:
         """Return the counters of the summary."""
-        return {name: int(messages.status_values(self.components[component]).get(key, 0))
-                for name, (component, key) in COUNTERS.items()}
+        return {
+            name: int(messages.status_values(self.components[component]).get(key, 0))
+            for name, (component, key) in COUNTERS.items()
+        }
 
     def last_line(self, name: str) -> str:
         """Return the last line of a node's log."""
@@ -202,30 +284,48 @@ class Demo:
 def keep_values(table: deque[tuple[float, ...]], message: Any) -> None:
     """Store the stamp and the planar values of a message."""
     is_pose = hasattr(message, 'pose')
-    values = (messages.planar_pose(message.pose, 'pose') if is_pose
-              else messages.planar_wrench(message))
+    values = (
+        messages.planar_pose(message.pose, 'pose')
+        if is_pose
+        else messages.planar_wrench(message)
+    )
     table.append((messages.seconds(message.header.stamp), *values))
 
 
 def as_text(counters: dict[str, int]) -> str:
     """Return counters as text, such as ``5 late cycles, 0 drive faults``."""
-    return ', '.join(f'{count} {name}' for name, count in counters.items()).replace('_', ' ')
+    return ', '.join(f'{count} {name}' for name, count in counters.items()).replace(
+        '_', ' '
+    )
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the demo; return its exit status."""
     parser = argparse.ArgumentParser(
-        prog='demo', description='Run the whole stack with simulated drives on a swaying gondola.')
+        prog='demo',
+        description='Run the whole stack with simulated drives on a swaying gondola.',
+    )
     parser.add_argument(
-        '--duration', type=above_zero, metavar='S',
-        help='duration of the strokes [s] (default: that of the scenario)')
+        '--duration',
+        type=above_zero,
+        metavar='S',
+        help='duration of the strokes [s] (default: that of the scenario)',
+    )
     parser.add_argument(
-        '--scenario', default='breeze',
-        help='wind and wall: a name in config/scenarios, or a file (default %(default)s)')
-    parser.add_argument('--viewer', action='store_true', help="show the world in MuJoCo's viewer")
+        '--scenario',
+        default='breeze',
+        help='wind and wall: a name in config/scenarios, or a file (default %(default)s)',
+    )
     parser.add_argument(
-        '--output', type=Path, default=Path('demo_report'), metavar='DIR',
-        help='folder of the report (default %(default)s)')
+        '--viewer', action='store_true', help="show the world in MuJoCo's viewer"
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        default=Path('demo_report'),
+        metavar='DIR',
+        help='folder of the report (default %(default)s)',
+    )
     options = parser.parse_args(args)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     return exit_status('demo', lambda: Demo(options).run())

@@ -27,14 +27,21 @@ from facade_manipulator.simulation.drives.simulator import DriveSimulator
 _STOP_SIGNALS = signal.SIGINT, signal.SIGTERM
 _NEW_SERIALS = (4711, 4712, 4713)
 # settings of an axis by the option that has one value for each drive
-_OF_EACH_DRIVE = {'node_ids': 'node_id', 'start_positions': 'home_position',
-                  'directions': 'direction', 'leads': 'lead'}
+_OF_EACH_DRIVE = {
+    'node_ids': 'node_id',
+    'start_positions': 'home_position',
+    'directions': 'direction',
+    'leads': 'lead',
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the simulated drives until SIGINT or SIGTERM; return the exit status."""
     options = _parser().parse_args(arguments)
-    for name in ('can', 'canopen'):  # their messages repeat errors of this process or master
+    for name in (
+        'can',
+        'canopen',
+    ):  # their messages repeat errors of this process or master
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     return exit_status('drive_simulator', lambda: _run(options))
 
@@ -46,7 +53,10 @@ def _run(options: argparse.Namespace) -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, _STOP_SIGNALS)
     with DriveSimulator(opened, drives):
         nodes = ', '.join(str(drive.node_id) for drive in drives)
-        print(f'drive_simulator: nodes {nodes} on {bus.interface} {bus.channel}', flush=True)
+        print(
+            f'drive_simulator: nodes {nodes} on {bus.interface} {bus.channel}',
+            flush=True,
+        )
         signal.sigwait(_STOP_SIGNALS)
 
 
@@ -55,12 +65,21 @@ def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
     settings = settings_from(SimulationSettings, vars(options))
     node_ids, *others = (getattr(options, name) for name in _OF_EACH_DRIVE)
     drives = [
-        SimulatedDrive(AxisSettings(
-            profile=options.profile, serial_number=serial,
-            **dict(zip(_OF_EACH_DRIVE.values(), values, strict=True))), settings)
+        SimulatedDrive(
+            AxisSettings(
+                profile=options.profile,
+                serial_number=serial,
+                **dict(zip(_OF_EACH_DRIVE.values(), values, strict=True)),
+            ),
+            settings,
+        )
         for serial, *values in zip(
-            cycle(_NEW_SERIALS if options.new else [0]), node_ids, *map(cycle, others),
-            strict=False)]
+            cycle(_NEW_SERIALS if options.new else [0]),
+            node_ids,
+            *map(cycle, others),
+            strict=False,
+        )
+    ]
     for drive in drives if options.new else ():
         drive.lss.stored = options.new
         drive.reboot()
@@ -69,24 +88,44 @@ def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='drive_simulator', description='Simulated CiA 402 drives on a CAN bus. Options that '
+        prog='drive_simulator',
+        description='Simulated CiA 402 drives on a CAN bus. Options that '
         'take several values have one for each drive; fewer values are repeated.',
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     add = parser.add_argument
     add('--profile', default='simulated', help='drive type: a file of config/drives')
-    add('--new', type=int, nargs='?', const=1, default=0, choices=(1, UNCONFIGURED),
+    add(
+        '--new',
+        type=int,
+        nargs='?',
+        const=1,
+        default=0,
+        choices=(1, UNCONFIGURED),
         help=f'factory state: all are node 1, or with {UNCONFIGURED} have no node id, until LSS '
-             'gives them one')
+        'gives them one',
+    )
     of_axis = parameter_fields(AxisSettings)
     for name, setting in _OF_EACH_DRIVE.items():
-        add(f'--{name.replace("_", "-")}', type=type(of_axis[setting].default), nargs='+',
-            default=[getattr(axis, setting) for axis in DEFAULT_AXES], help=of_axis[setting].text)
+        add(
+            f'--{name.replace("_", "-")}',
+            type=type(of_axis[setting].default),
+            nargs='+',
+            default=[getattr(axis, setting) for axis in DEFAULT_AXES],
+            help=of_axis[setting].text,
+        )
     described = parameter_fields(BusSettings) | parameter_fields(SimulationSettings)
     kinds: dict[type, dict[str, Any]] = {
-        tuple: {'type': lambda text: int(text, 0), 'nargs': '*'}, bool: {'action': 'store_true'}}
+        tuple: {'type': lambda text: int(text, 0), 'nargs': '*'},
+        bool: {'action': 'store_true'},
+    }
     for name, info in described.items():
-        add(f'--{name.replace("_", "-")}', default=info.default, help=info.text,
-            **kinds.get(type(info.default), {'type': type(info.default)}))
+        add(
+            f'--{name.replace("_", "-")}',
+            default=info.default,
+            help=info.text,
+            **kinds.get(type(info.default), {'type': type(info.default)}),
+        )
     parser.set_defaults(interface='socketcan', channel='vcan0')
     return parser
 

@@ -40,4 +40,6 @@ TRANSITIONS = {
 
 def decode_command(controlword: int) -> Controlword:
     """Return the command of a controlword."""
-    return next(command for command, mask in _MASKS.items() if controlword & mask == command)
+    return next(
+        command for command, mask in _MASKS.items() if controlword & mask == command
+    )

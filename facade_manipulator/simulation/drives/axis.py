@@ -22,8 +22,17 @@ from facade_manipulator.drives.states import (
 )
 from facade_manipulator.drives.units import INT32_MAX, INT32_MIN
 from facade_manipulator.simulation.drives.automaton import decode_command, TRANSITIONS
-from facade_manipulator.simulation.drives.modes import CyclicPosition, Homing, Idle, SpeedRamp
-from facade_manipulator.simulation.drives.motor import LIMITS, SimulatedMotor, STANDSTILL
+from facade_manipulator.simulation.drives.modes import (
+    CyclicPosition,
+    Homing,
+    Idle,
+    SpeedRamp,
+)
+from facade_manipulator.simulation.drives.motor import (
+    LIMITS,
+    SimulatedMotor,
+    STANDSTILL,
+)
 from facade_manipulator.simulation.drives.objects import Objects
 
 _LONGEST_STEP = 0.001  # s
@@ -33,8 +42,14 @@ _LIMIT_SWITCH_ERRORS = dict(zip(LIMITS, (0x8A80, 0x8A81), strict=True))
 _NO_WINDOW = 0xFFFFFFFF
 
 # option codes
-_QUICK_STOP_OPTIONS = _POWER_OFF, _KEEP_STANDING = 2, 6  # 605A, after the quick stop ramp 6085
-_CONNECTION_COMMANDS = {2: Controlword.DISABLE_VOLTAGE, 3: Controlword.QUICK_STOP}  # 6007
+_QUICK_STOP_OPTIONS = _POWER_OFF, _KEEP_STANDING = (
+    2,
+    6,
+)  # 605A, after the quick stop ramp 6085
+_CONNECTION_COMMANDS = {
+    2: Controlword.DISABLE_VOLTAGE,
+    3: Controlword.QUICK_STOP,
+}  # 6007
 
 
 class SimulatedAxis:
@@ -46,33 +61,52 @@ class SimulatedAxis:
     """
 
     def __init__(
-        self, objects: Objects, motor: SimulatedMotor, report: Callable[[int], None],
+        self,
+        objects: Objects,
+        motor: SimulatedMotor,
+        report: Callable[[int], None],
         reset_errors: Callable[[], bool],
     ) -> None:
         self._objects, self._values, self._motor = objects, objects.values, motor
         self._report, self._reset_errors = report, reset_errors
-        self.cyclic, self.homing = CyclicPosition(objects, motor), Homing(objects, motor)
+        self.cyclic, self.homing = (
+            CyclicPosition(objects, motor),
+            Homing(objects, motor),
+        )
         self.modes = {
-            Mode.NONE: Idle(objects, motor), Mode.CYCLIC_SYNCHRONOUS_POSITION: self.cyclic,
-            Mode.HOMING: self.homing}
-        self.torque_off = False  #: whether safe torque off is open; then there is no power
+            Mode.NONE: Idle(objects, motor),
+            Mode.CYCLIC_SYNCHRONOUS_POSITION: self.cyclic,
+            Mode.HOMING: self.homing,
+        }
+        self.torque_off = (
+            False  #: whether safe torque off is open; then there is no power
+        )
         self._time = -math.inf
-        objects.readers.update({
-            (0x6041, 0): lambda: self.statusword,
-            (0x6061, 0): lambda: self._mode,
-            (0x6064, 0): lambda: _int32(motor.counts),
-            (0x606C, 0): lambda: _int32(motor.velocity * objects.units[0x606C]),
-            (0x6077, 0): lambda: round(motor.torque) * (self.state in POWERED_STATES),
-            (0x60F4, 0): lambda: _int32(self.following_error),
-            (0x60FD, 0): lambda: motor.inputs,
-        })
+        objects.readers.update(
+            {
+                (0x6041, 0): lambda: self.statusword,
+                (0x6061, 0): lambda: self._mode,
+                (0x6064, 0): lambda: _int32(motor.counts),
+                (0x606C, 0): lambda: _int32(motor.velocity * objects.units[0x606C]),
+                (0x6077, 0): lambda: (
+                    round(motor.torque) * (self.state in POWERED_STATES)
+                ),
+                (0x60F4, 0): lambda: _int32(self.following_error),
+                (0x60FD, 0): lambda: motor.inputs,
+            }
+        )
         objects.choices |= {
-            (0x605A, 0): _QUICK_STOP_OPTIONS, (0x605E, 0): [_POWER_OFF], (0x6060, 0): self.modes}
-        objects.writers.update({
-            # `control` may be replaced by a fault
-            (0x6040, 0): lambda controlword: self.control(controlword),
-            (0x6060, 0): self._set_mode,
-        })
+            (0x605A, 0): _QUICK_STOP_OPTIONS,
+            (0x605E, 0): [_POWER_OFF],
+            (0x6060, 0): self.modes,
+        }
+        objects.writers.update(
+            {
+                # `control` may be replaced by a fault
+                (0x6040, 0): lambda controlword: self.control(controlword),
+                (0x6060, 0): self._set_mode,
+            }
+        )
 
     def reset(self) -> None:
         """Enter the state after power-on: the position is unknown."""
@@ -90,11 +124,15 @@ class SimulatedAxis:
     @property
     def statusword(self) -> int:
         """Return the statusword 6041h: state, mode bits and flags."""
-        word = STATUSWORDS[self.state][1] | Status.VOLTAGE_ENABLED * (not self.torque_off)
+        word = STATUSWORDS[self.state][1] | Status.VOLTAGE_ENABLED * (
+            not self.torque_off
+        )
         word |= Status.REMOTE * (self._objects.nmt.state == 'OPERATIONAL')
         if self.state is State.OPERATION_ENABLED:
             word |= self.modes[self._mode].status()
-        return word | Status.FOLLOWING_ERROR * (self._late > 0.0 and self._mode != Mode.HOMING)
+        return word | Status.FOLLOWING_ERROR * (
+            self._late > 0.0 and self._mode != Mode.HOMING
+        )
 
     @property
     def _demand(self) -> SpeedRamp:
@@ -120,10 +158,15 @@ class SimulatedAxis:
         is_permitted = True
         if command is Controlword.FAULT_RESET:  # acts at its rising edge
             is_permitted = not before & Controlword.FAULT_RESET and self._reset_errors()
-        elif self.state is State.QUICK_STOP_ACTIVE and command is Controlword.ENABLE_OPERATION:
+        elif (
+            self.state is State.QUICK_STOP_ACTIVE
+            and command is Controlword.ENABLE_OPERATION
+        ):
             # a repeated controlword does not cancel a stop by the drive itself
-            is_permitted = (command is not decode_command(before)
-                            and self._values[0x605A, 0] == _KEEP_STANDING)
+            is_permitted = (
+                command is not decode_command(before)
+                and self._values[0x605A, 0] == _KEEP_STANDING
+            )
         if is_permitted:
             self._obey(command)
         if self.state is State.OPERATION_ENABLED and self._mode == Mode.HOMING:
@@ -136,8 +179,10 @@ class SimulatedAxis:
 
     def latch(self) -> None:
         """Process a SYNC: latch the target position in cyclic position mode."""
-        if (self.state is State.OPERATION_ENABLED
-                and self._mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
+        if (
+            self.state is State.OPERATION_ENABLED
+            and self._mode == Mode.CYCLIC_SYNCHRONOUS_POSITION
+        ):
             self.cyclic.latch()
             low, high = self._values[0x607D, 1], self._values[0x607D, 2]
             if low < high and not low <= self._values[0x607A, 0] <= high:
@@ -158,8 +203,11 @@ class SimulatedAxis:
         elif state in POWERED_STATES:
             motor = self._motor
             # the carriage is speed times lag behind its demand
-            self._stop = SpeedRamp(motor.position + motor.velocity * motor.lag, motor.velocity,
-                                   self._objects.counts(0x6085))
+            self._stop = SpeedRamp(
+                motor.position + motor.velocity * motor.lag,
+                motor.velocity,
+                self._objects.counts(0x6085),
+            )
 
     def fail(self, keeps_power: bool) -> None:
         """Enter the fault state: on the quick-stop ramp with power, or without power."""
@@ -194,8 +242,12 @@ class SimulatedAxis:
             acceleration = min(max(objects.counts(0x60C5), 1.0), acceleration)
         speed = demand.step(step)
         motor.follow(
-            demand.position, speed, step,
-            min(objects.counts(0x607F), objects.counts(0x6080), motor.peak_speed), acceleration)
+            demand.position,
+            speed,
+            step,
+            min(objects.counts(0x607F), objects.counts(0x6080), motor.peak_speed),
+            acceleration,
+        )
         window = self._values[0x6065, 0]
         is_late = window != _NO_WINDOW and abs(self.following_error) > window
         self._late = self._late + step if is_late else 0.0

@@ -25,7 +25,10 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.profile import DriveProfile, load_profile
 from facade_manipulator.simulation.drives.axis import SAFE_TORQUE_OFF, SimulatedAxis
 from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
-from facade_manipulator.simulation.drives.motor import SimulatedMotor, SimulationSettings
+from facade_manipulator.simulation.drives.motor import (
+    SimulatedMotor,
+    SimulationSettings,
+)
 from facade_manipulator.simulation.drives.objects import Frame, Objects
 from facade_manipulator.simulation.drives.pdo import ProcessData
 
@@ -44,10 +47,15 @@ class SimulatedDrive:
     """
 
     def __init__(
-        self, axis: AxisSettings, settings: SimulationSettings | None = None,
+        self,
+        axis: AxisSettings,
+        settings: SimulationSettings | None = None,
         profile: DriveProfile | None = None,
     ) -> None:
-        settings, profile = settings or SimulationSettings(), profile or load_profile(axis.profile)
+        settings, profile = (
+            settings or SimulationSettings(),
+            profile or load_profile(axis.profile),
+        )
         scale = profile.applied(axis)
         motor = self.motor = SimulatedMotor(settings, scale)
         objects = self.objects = Objects(profile, scale, settings.missing_objects)
@@ -55,18 +63,22 @@ class SimulatedDrive:
         self.lss = LssSlave(axis.node_id, objects.values)
         self._pdo = ProcessData(objects, lambda: self.inject_fault(PDO_TOO_SHORT))
         self.now = 0.0  #: time of the simulation [s]
-        self._master_due = math.inf  # time at which the heartbeat of the master is lost [s]
+        self._master_due = (
+            math.inf
+        )  # time at which the heartbeat of the master is lost [s]
         self.is_silent = False  #: fault: the drive sends no frame
         self.is_deaf = False  #: fault: the drive ignores RPDOs, but serves SDO
         self.errors: list[int] = []  #: codes of the present errors, the newest last
         objects.readers |= {
             (0x1001, 0): lambda: int(bool(self.errors)),  # only the bit of all errors
-            (0x603F, 0): lambda: self.errors[-1] if self.errors else 0}
+            (0x603F, 0): lambda: self.errors[-1] if self.errors else 0,
+        }
         objects.writers[0x1016, 1] = self._forget_master
         if polarity := profile.input_polarity:
             motor.inverted = lambda: objects.values[polarity[:2]] >> polarity.shift
         self.set_identity(
-            scale.vendor_id, scale.product_code, 1, axis.serial_number or axis.node_id)
+            scale.vendor_id, scale.product_code, 1, axis.serial_number or axis.node_id
+        )
 
     # --- frames and time
 
@@ -99,7 +111,9 @@ class SimulatedDrive:
         moving = self.now + _MOTION_PERIOD if self.axis.is_moving else math.inf
         return min(self._boot_at, self.objects.outbox.due, self._master_due, moving)
 
-    def _service(self, cob_id: int, length: int) -> Callable[[int, bytes, float], None] | None:
+    def _service(
+        self, cob_id: int, length: int
+    ) -> Callable[[int, bytes, float], None] | None:
         """
         Return the receiver of COB-ID, data and time of a frame, None for an unknown frame.
 
@@ -121,7 +135,9 @@ class SimulatedDrive:
         if state == 'OPERATIONAL' and cob_id in self._pdo.received:
             return None if self.is_deaf else self._pdo.receive
         is_request = cob_id == self.objects.sdo.rx_cobid and length == 8
-        return self.objects.sdo.on_request if is_request and state != 'STOPPED' else None
+        return (
+            self.objects.sdo.on_request if is_request and state != 'STOPPED' else None
+        )
 
     def _on_sync(self, cob_id: int, data: bytes, now: float) -> None:
         self._pdo.answer_sync()
@@ -138,8 +154,11 @@ class SimulatedDrive:
         answer = self.lss.receive(data, self.node_id)
         if answer is not None:
             self.objects.outbox.send_message(LssMaster.LSS_RX_COBID, answer)
-        if (self.node_id == UNCONFIGURED and not self.lss.is_selected
-                and self.lss.pending != UNCONFIGURED):
+        if (
+            self.node_id == UNCONFIGURED
+            and not self.lss.is_selected
+            and self.lss.pending != UNCONFIGURED
+        ):
             self._restart(keeps_application=True)
 
     # --- network management
@@ -173,7 +192,9 @@ class SimulatedDrive:
 
     def _restart(self, keeps_application: bool) -> None:
         self._boot_at = self.now + _BOOT_TIME
-        self.node_id = self.lss.pending  #: with UNCONFIGURED the drive is silent until LSS sets it
+        self.node_id = (
+            self.lss.pending
+        )  #: with UNCONFIGURED the drive is silent until LSS sets it
         self.objects.restart(self.node_id, keeps_application)
         self._forget_master()
         self._pdo.forget()

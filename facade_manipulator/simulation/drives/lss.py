@@ -21,7 +21,9 @@ from facade_manipulator.simulation.drives.objects import Key
 UNCONFIGURED = 255
 _FULL_CHECK, _RESET_SCAN = 0, 0x80
 _SELECTIONS = range(
-    lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID, lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER + 1)
+    lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID,
+    lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER + 1,
+)
 
 
 class LssSlave:
@@ -59,7 +61,7 @@ class LssSlave:
 
     def _select(self, part: int, data: bytes) -> list[int] | None:
         """Select the drive by four numbers in successive requests."""
-        number, = struct.unpack_from('<xI', data)
+        (number,) = struct.unpack_from('<xI', data)
         matches = part == self._matched and number == self._values[0x1018, part + 1]
         self._matched = (part + 1) % 4 if matches else 0
         is_complete = matches and part == 3
@@ -70,7 +72,11 @@ class LssSlave:
         number, bit, part, following = struct.unpack('<xIBBB', data)
         if bit == _RESET_SCAN:
             self._scanned = 0
-        elif part != self._scanned or bit > 31 or (number ^ self._values[0x1018, part + 1]) >> bit:
+        elif (
+            part != self._scanned
+            or bit > 31
+            or (number ^ self._values[0x1018, part + 1]) >> bit
+        ):
             return None
         elif bit == _FULL_CHECK and following != part:
             self._scanned = following

@@ -21,14 +21,23 @@ from facade_manipulator.simulation.drives.objects import Objects
 # by method: attribute of SimulatedMotor; its side of the rail's middle; direction of the index
 # pulse from there, 0 for no index pulse
 _METHODS = {
-    37: ('position', 1, 0), 35: ('position', 1, 0),
-    34: ('position', 1, 1), 33: ('position', 1, -1),
-    17: ('limit_switch', -1, 0), 1: ('limit_switch', -1, 1),
-    18: ('limit_switch', 1, 0), 2: ('limit_switch', 1, -1),
-    23: ('home_switch', -1, 0), 7: ('home_switch', -1, -1),
-    27: ('home_switch', 1, 0), 11: ('home_switch', 1, 1),
-    -4: ('hard_stop', -1, 0), -2: ('hard_stop', -1, 1),
-    -3: ('hard_stop', 1, 0), -1: ('hard_stop', 1, -1)}
+    37: ('position', 1, 0),
+    35: ('position', 1, 0),
+    34: ('position', 1, 1),
+    33: ('position', 1, -1),
+    17: ('limit_switch', -1, 0),
+    1: ('limit_switch', -1, 1),
+    18: ('limit_switch', 1, 0),
+    2: ('limit_switch', 1, -1),
+    23: ('home_switch', -1, 0),
+    7: ('home_switch', -1, -1),
+    27: ('home_switch', 1, 0),
+    11: ('home_switch', 1, 1),
+    -4: ('hard_stop', -1, 0),
+    -2: ('hard_stop', -1, 1),
+    -3: ('hard_stop', 1, 0),
+    -1: ('hard_stop', 1, -1),
+}
 
 
 class SpeedRamp:
@@ -38,7 +47,9 @@ class SpeedRamp:
     The acceleration of the demand is bounded [counts/s²].
     """
 
-    def __init__(self, position: float, speed: float = 0.0, acceleration: float = 1.0) -> None:
+    def __init__(
+        self, position: float, speed: float = 0.0, acceleration: float = 1.0
+    ) -> None:
         self.position, self.speed, self.acceleration = position, speed, acceleration
         self.goal = 0.0
 
@@ -109,7 +120,9 @@ class Homing(Idle):
 
     def __init__(self, objects: Objects, motor: SimulatedMotor) -> None:
         super().__init__(objects, motor)
-        objects.choices[0x6098, 0] = {0} | _METHODS.keys() & objects.profile.homing_methods
+        objects.choices[0x6098, 0] = {
+            0
+        } | _METHODS.keys() & objects.profile.homing_methods
 
     def enter(self) -> None:
         """Start at rest at the position of the carriage."""
@@ -131,7 +144,10 @@ class Homing(Idle):
         if method not in _METHODS:
             return None
         edge, side, direction = _METHODS[method]
-        home, turn = side * getattr(self._motor, edge), self._motor.counts_per_revolution
+        home, turn = (
+            side * getattr(self._motor, edge),
+            self._motor.counts_per_revolution,
+        )
         if edge == 'home_switch' and not home:
             return None
         if direction:  # there is one index pulse on each revolution
@@ -143,10 +159,16 @@ class Homing(Idle):
         self.goal = 0.0
         if self._home is not None:
             way, profile = self._home - self.position, self._objects.profile
-            self.goal = math.copysign(min(
-                self._objects.counts(0x6099, 1),
-                math.sqrt(2.0 * self.acceleration * abs(way))), way)
-            if abs(way) < 1.0 + 2.0 * self.acceleration * step * step:  # reached while braking
+            self.goal = math.copysign(
+                min(
+                    self._objects.counts(0x6099, 1),
+                    math.sqrt(2.0 * self.acceleration * abs(way)),
+                ),
+                way,
+            )
+            if (
+                abs(way) < 1.0 + 2.0 * self.acceleration * step * step
+            ):  # reached while braking
                 offset = profile.location('home_offset')  # from home to the new zero
                 place = offset or profile.location('home_position') or (0x607C, 0)
                 at_home = self._objects.values[place] * (-1 if offset else 1)
@@ -157,5 +179,8 @@ class Homing(Idle):
     def status(self) -> int:
         """Return the mode-specific bits of the statusword."""
         rests = self._home is None and abs(self._motor.velocity) < STANDSTILL
-        return (Status.TARGET_REACHED * rests | Status.HOMING_ATTAINED * self.attained
-                | Status.HOMING_ERROR * self._failed)
+        return (
+            Status.TARGET_REACHED * rests
+            | Status.HOMING_ATTAINED * self.attained
+            | Status.HOMING_ERROR * self._failed
+        )

@@ -25,12 +25,25 @@ _PEAK_TORQUE = 2000.0  # in thousandths of the rated torque
 class SimulationSettings:
     """Properties of a simulated axis, along the rail."""
 
-    lag: float = parameter('Servo lag', default=0.005, unit='s', minimum=0.0, maximum=1.0)
+    lag: float = parameter(
+        'Servo lag', default=0.005, unit='s', minimum=0.0, maximum=1.0
+    )
     coasting: float = parameter(
-        'Deceleration without power', default=1.87, unit='m/s^2', minimum=0.1, maximum=100.0)
-    home_switch_width: float = parameter('Width of the home switch', default=0.01, unit='m')
-    home_switch_opens: bool = parameter('Whether the home switch is off at home', default=False)
-    missing_objects: tuple[int, ...] = parameter('Indices of missing objects', default=())
+        'Deceleration without power',
+        default=1.87,
+        unit='m/s^2',
+        minimum=0.1,
+        maximum=100.0,
+    )
+    home_switch_width: float = parameter(
+        'Width of the home switch', default=0.01, unit='m'
+    )
+    home_switch_opens: bool = parameter(
+        'Whether the home switch is off at home', default=False
+    )
+    missing_objects: tuple[int, ...] = parameter(
+        'Indices of missing objects', default=()
+    )
 
 
 class SimulatedMotor:
@@ -48,14 +61,17 @@ class SimulatedMotor:
         self.peak_speed = _PEAK_SPEED * self._per_metre
         self.peak_acceleration = _PEAK_ACCELERATION * self._per_metre
         self.lag = settings.lag  #: time constant of the servo [s]; a test may change it
-        self.inverted: Callable[[], int] = lambda: 0  #: the bits of 60FD that the drive inverts
+        self.inverted: Callable[[], int] = lambda: (
+            0
+        )  #: the bits of 60FD that the drive inverts
         self.external_force = 0.0  #: external force on the carriage along the rail [N]
         self.place(scale.home_position)
 
     def place(self, position: float) -> None:
         """Put the carriage at rest at a position along the rail [m], between the hard stops."""
         self.position = _bounded(  #: [counts]
-            position * self._direction * self._per_metre, self.hard_stop)
+            position * self._direction * self._per_metre, self.hard_stop
+        )
         self.velocity = 0.0  #: [counts/s]
 
     def count_from_here(self) -> None:
@@ -83,14 +99,20 @@ class SimulatedMotor:
     def inputs(self) -> int:
         """Return the states of the switches as bits of 60FDh."""
         is_home = abs(self.position) <= self.home_switch
-        closed = (LIMITS[0] * (self.position <= -self.limit_switch)
-                  | LIMITS[1] * (self.position >= self.limit_switch)
-                  | HOME_SWITCH * (is_home != self._settings.home_switch_opens))
+        closed = (
+            LIMITS[0] * (self.position <= -self.limit_switch)
+            | LIMITS[1] * (self.position >= self.limit_switch)
+            | HOME_SWITCH * (is_home != self._settings.home_switch_opens)
+        )
         return closed ^ self.inverted()
 
     def follow(
-        self, demand: float, speed: float, step: float,
-        speed_limit: float, acceleration_limit: float,
+        self,
+        demand: float,
+        speed: float,
+        step: float,
+        speed_limit: float,
+        acceleration_limit: float,
     ) -> None:
         """
         Follow a demand that has a position at the end of a step [counts], and a speed [counts/s].
@@ -99,9 +121,13 @@ class SimulatedMotor:
         limits. On a ramp the carriage lags by speed·lag.
         """
         error = demand - self.position - speed * (self.lag + step)
-        size, knee = abs(error), acceleration_limit * self.lag ** 2
-        if size > knee:  # the lag would brake harder than the limit: v² = a (2 |error| - knee)
-            approach = min(math.sqrt(acceleration_limit * (2.0 * size - knee)), size / step)
+        size, knee = abs(error), acceleration_limit * self.lag**2
+        if (
+            size > knee
+        ):  # the lag would brake harder than the limit: v² = a (2 |error| - knee)
+            approach = min(
+                math.sqrt(acceleration_limit * (2.0 * size - knee)), size / step
+            )
         else:
             approach = size * (1.0 - math.exp(-step / self.lag)) / step if size else 0.0
         wanted = _bounded(speed + math.copysign(approach, error), speed_limit)

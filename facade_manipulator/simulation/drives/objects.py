@@ -33,7 +33,10 @@ Frame = tuple[int, bytes]
 
 _COMMUNICATION = range(0x1000, 0x2000)
 _STORE, _SAVE = (0x1010, 1), int.from_bytes(b'save', 'little')
-_ABSENT = 0x1003, 0x1011  # in the EDS: the simulated drives neither list errors nor restore
+_ABSENT = (
+    0x1003,
+    0x1011,
+)  # in the EDS: the simulated drives neither list errors nor restore
 _COMMANDS = {0x1010, 0x6040, 0x6060, 0x607A}  # writable, never stored
 
 _dictionary = lru_cache(maxsize=16)(read_dictionary)
@@ -60,7 +63,11 @@ class Outbox:
 
     def send_periodic(self, can_id: int, data: Sequence[int], period: float) -> Outbox:
         """Start the heartbeat."""
-        self._beat, self._period, self.due = (can_id, bytes(data)), period, self.now + period
+        self._beat, self._period, self.due = (
+            (can_id, bytes(data)),
+            period,
+            self.now + period,
+        )
         return self
 
     def update(self, data: Sequence[int]) -> None:
@@ -108,8 +115,10 @@ class Objects(LocalNode):
             for unit, indices in (
                 (profile.velocity_unit, (0x606C, 0x607F, 0x6099)),
                 (profile.motor_speed_unit, (0x6080,)),
-                (profile.acceleration_unit, (0x6084, 0x6085, 0x609A, 0x60C5)))
-            for index in indices}
+                (profile.acceleration_unit, (0x6084, 0x6085, 0x609A, 0x60C5)),
+            )
+            for index in indices
+        }
 
     def restart(self, node_id: int, keeps_application: bool) -> None:
         """
@@ -119,29 +128,41 @@ class Objects(LocalNode):
 
         """
         super().__init__(node_id, _dictionary(self.profile.eds, node_id))
-        self.variables = {key: item for key, item in variables(self.object_dictionary).items()
-                          if item.index not in self.missing}
+        self.variables = {
+            key: item
+            for key, item in variables(self.object_dictionary).items()
+            if item.index not in self.missing
+        }
         self.outbox.stop()
         self.associate_network(self.outbox)  # type: ignore[arg-type]
         # without them the server raises at a segment without an initiated transfer
         self.sdo._index = self.sdo._subindex = 0
         self.sdo._buffer = bytearray()
         self.add_read_callback(lambda index, subindex, od: self.read((index, subindex)))
-        self.add_write_callback(lambda index, subindex, od, data: self.write(
-            (index, subindex), od.decode_raw(bytes(data))))
+        self.add_write_callback(
+            lambda index, subindex, od, data: self.write(
+                (index, subindex), od.decode_raw(bytes(data))
+            )
+        )
         initial = {key: variable.default for key, variable in self.variables.items()}
         initial |= self.defaults | self.stored
-        self.values.update((key, value) for key, value in initial.items()
-                           if not keeps_application or key[0] in _COMMUNICATION)
+        self.values.update(
+            (key, value)
+            for key, value in initial.items()
+            if not keeps_application or key[0] in _COMMUNICATION
+        )
 
     def _store(self, signature: int) -> None:
         """Store all writable values, with effect after a reset."""
         if signature != _SAVE:
             raise SdoAbortedError(constants.ABORT_STORE_APPLICATION)
         self.stored = {
-            key: self.values[key] for key, variable in self.variables.items()
-            if variable.writable and key[0] not in _COMMANDS
-            and self.values[key] != self.defaults.get(key, variable.default)}
+            key: self.values[key]
+            for key, variable in self.variables.items()
+            if variable.writable
+            and key[0] not in _COMMANDS
+            and self.values[key] != self.defaults.get(key, variable.default)
+        }
 
     def read(self, key: Key) -> Any:
         """Return the present value of an object."""

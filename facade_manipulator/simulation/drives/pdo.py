@@ -40,7 +40,8 @@ class ProcessData:
             objects.writers[communication, 1] = self.forget
             for subindex in range(9):
                 objects.writers[communication + _MAPPING, subindex] = partial(
-                    self._check_mapping, communication, subindex)
+                    self._check_mapping, communication, subindex
+                )
 
     def forget(self, value: int = 0) -> None:
         """Drop all RPDOs that wait for a SYNC, after a change of PDOs or NMT state, or a reset."""
@@ -55,14 +56,21 @@ class ProcessData:
         if is_enabled or subindex and values[communication + _MAPPING, 0]:
             raise SdoAbortedError(constants.ABORT_APPLICATION_DEVICE_STATE)
         variable = self._objects.variables.get((value >> 16, value >> 8 & 0xFF))
-        if subindex and (variable is None or not variable.pdo_mappable
-                         or len(variable) != value & 0xFF):
+        if subindex and (
+            variable is None
+            or not variable.pdo_mappable
+            or len(variable) != value & 0xFF
+        ):
             raise SdoAbortedError(constants.ABORT_PDO_CANNOT_MAP)
 
     @cached_property
     def received(self) -> dict[int, PdoMap]:
         """Return the enabled RPDOs by COB-ID."""
-        return {one.cob_id: one for one in _enabled(self._objects.rpdo) if one.cob_id is not None}
+        return {
+            one.cob_id: one
+            for one in _enabled(self._objects.rpdo)
+            if one.cob_id is not None
+        }
 
     @cached_property
     def _transmitted(self) -> list[PdoMap]:
@@ -82,7 +90,9 @@ class ProcessData:
         for tpdo in self._transmitted:
             if self._syncs % (tpdo.trans_type or 1) == 0:
                 for variable in tpdo.map:
-                    variable.raw = self._objects.read((variable.index, variable.subindex))
+                    variable.raw = self._objects.read(
+                        (variable.index, variable.subindex)
+                    )
                 tpdo.transmit()
 
     def latch(self) -> None:
@@ -90,10 +100,16 @@ class ProcessData:
         for rpdo in self.received.values():
             # the controlword last, because it acts on the mode and the target that the frames
             # contain
-            for variable in sorted(rpdo.map, key=lambda each: each.index == _CONTROLWORD):
+            for variable in sorted(
+                rpdo.map, key=lambda each: each.index == _CONTROLWORD
+            ):
                 if rpdo.is_received:
-                    with suppress(SdoAbortedError):  # a rejected value keeps the old value
-                        self._objects.write((variable.index, variable.subindex), variable.raw)
+                    with suppress(
+                        SdoAbortedError
+                    ):  # a rejected value keeps the old value
+                        self._objects.write(
+                            (variable.index, variable.subindex), variable.raw
+                        )
             rpdo.is_received = False
 
 

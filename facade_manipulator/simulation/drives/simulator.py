@@ -25,7 +25,9 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
     def __init__(self, bus: can.BusABC, drives: Sequence[SimulatedDrive]) -> None:
         self._bus, self._drives = CanBus(bus), tuple(drives)
         self._lock, self._stopping = threading.Lock(), threading.Event()
-        self._thread = threading.Thread(target=self._run, name='drive simulator', daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, name='drive simulator', daemon=True
+        )
         self._thread.start()
 
     def stop(self) -> None:
@@ -68,8 +70,11 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
     def _advance(self, received: Frame | None) -> None:
         """Advance the drives to the time of reception of a frame, or to now without a frame."""
         for drive in self._drives:
-            frames = drive.advance(time.monotonic()) if received is None else drive.receive(
-                received.cob_id, received.data, received.time)
+            frames = (
+                drive.advance(time.monotonic())
+                if received is None
+                else drive.receive(received.cob_id, received.data, received.time)
+            )
             for frame in frames:
                 with suppress(BusError):  # a bus in error accepts no frame
                     self._bus.send(*frame, drive.now)

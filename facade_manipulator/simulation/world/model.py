@@ -6,12 +6,20 @@ import math
 
 import mujoco
 
-from facade_manipulator.kinematics import Geometry, GRAVITY, inverse_kinematics, links, Pose
+from facade_manipulator.kinematics import (
+    Geometry,
+    GRAVITY,
+    inverse_kinematics,
+    links,
+    Pose,
+)
 from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.world.scenario import Scenario
 
 
-def build_model(geometry: Geometry, scenario: Scenario, is_prescribed: bool) -> mujoco.MjModel:
+def build_model(
+    geometry: Geometry, scenario: Scenario, is_prescribed: bool
+) -> mujoco.MjModel:
     """Return the model of a mechanism and a scenario; a prescribed gondola follows its carrier."""
     spec = mujoco.MjSpec.from_file(str(config_path('gondola.xml')))
     _set_mechanism(spec, geometry)
@@ -21,7 +29,10 @@ def build_model(geometry: Geometry, scenario: Scenario, is_prescribed: bool) -> 
         hook.pos[2] = spec.site(f'eye{name}').pos[2] + scenario.gondola.cable_length
         # the stiffness in the file is that of 30 m
         cable.stiffness[0] *= 30.0 / scenario.gondola.cable_length
-        cable.springlength = 0.0, scenario.gondola.cable_length - load / cable.stiffness[0]
+        cable.springlength = (
+            0.0,
+            scenario.gondola.cable_length - load / cable.stiffness[0],
+        )
         for site in (f'track{name}', f'guide{name}'):
             spec.site(site).pos[0] = side * scenario.gondola.guide_lever
         spec.joint(f'bristle{name}').stiffness[0] = 0.5 * scenario.wall.brush_stiffness
@@ -30,14 +41,22 @@ def build_model(geometry: Geometry, scenario: Scenario, is_prescribed: bool) -> 
     return spec.compile()
 
 
-def initial_state(model: mujoco.MjModel, geometry: Geometry, head: Pose) -> mujoco.MjData:
+def initial_state(
+    model: mujoco.MjModel, geometry: Geometry, head: Pose
+) -> mujoco.MjData:
     """Return the balanced state in still air, with the head at a pose of frame rail [m, rad]."""
     data = mujoco.MjData(model)
     q1, q2, q3 = inverse_kinematics(geometry, head)
     _, _, height1, height2, projection1, projection2 = links(geometry, head)
-    for name, value in (('q1', q1), ('q2', q2), ('q3', q3), ('out', head.y), ('yaw', head.theta),
-                        ('link1', -math.atan2(height1, projection1)),
-                        ('link2', math.atan2(height2, projection2))):
+    for name, value in (
+        ('q1', q1),
+        ('q2', q2),
+        ('q3', q3),
+        ('out', head.y),
+        ('yaw', head.theta),
+        ('link1', -math.atan2(height1, projection1)),
+        ('link2', math.atan2(height2, projection2)),
+    ):
         data.joint(name).qpos = value
     data.ctrl[:] = q1, q2, q3
     mujoco.mj_forward(model, data)

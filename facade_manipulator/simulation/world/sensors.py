@@ -14,8 +14,12 @@ from facade_manipulator.prediction.estimate import Estimate
 from facade_manipulator.simulation.world.scenario import Estimator
 
 # rate [Hz] and latency [s] of each raw sensor; the MJCF file has their noise and places
-RAW_SENSORS = {'imu': (200.0, 0.008), 'range_1': (100.0, 0.008), 'range_2': (100.0, 0.008),
-               'fix_x': (100.0 / 3.0, 0.06)}
+RAW_SENSORS = {
+    'imu': (200.0, 0.008),
+    'range_1': (100.0, 0.008),
+    'range_2': (100.0, 0.008),
+    'fix_x': (100.0 / 3.0, 0.06),
+}
 GYROSCOPE_BIAS, ACCELEROMETER_BIAS = 1e-3, 0.02  # rad/s, m/s²
 PLACE_NOISE = 2e-4  # m, standard deviation from one place of the wall to another
 WAVES = 40  # in the error that depends on the place on the wall
@@ -42,10 +46,12 @@ class DelayedQueue:
 class SimulatedEstimator(DelayedQueue):
     """Simulated estimator of the disturbance: noisy, late, sometimes lost or wrong."""
 
-    def __init__(self, settings: Estimator, start: float, random: np.random.Generator) -> None:
+    def __init__(
+        self, settings: Estimator, start: float, random: np.random.Generator
+    ) -> None:
         super().__init__()
         self._settings, self._start, self._random = settings, start, random
-        position, yaw = settings.position_noise ** 2, settings.yaw_noise ** 2
+        position, yaw = settings.position_noise**2, settings.yaw_noise**2
         self._variances = position, position, yaw
 
     def sample(self, stamp: float, rail: Pose) -> None:
@@ -60,7 +66,9 @@ class SimulatedEstimator(DelayedQueue):
         pose += np.sqrt(self._variances) * self._random.standard_normal(3)
         is_silent = 0.0 <= elapsed - settings.silent_from < settings.silent_for
         if self._random.random() >= settings.loss and not is_silent:
-            self.send(stamp + delay, Estimate(stamp, Pose(*pose.tolist()), self._variances))
+            self.send(
+                stamp + delay, Estimate(stamp, Pose(*pose.tolist()), self._variances)
+            )
 
 
 class Measurement(NamedTuple):
@@ -78,18 +86,24 @@ class RawSensors(DelayedQueue):
         super().__init__()
         self._random = random
         self._wave_numbers = math.tau / np.geomspace(*WAVELENGTHS, WAVES)
-        self._phases = {name: random.uniform(0.0, math.tau, WAVES) for name in RAW_SENSORS}
+        self._phases = {
+            name: random.uniform(0.0, math.tau, WAVES) for name in RAW_SENSORS
+        }
 
     def sample(self, model: Any, data: Any, name: str, stamp: float) -> None:
         """Read a sensor at a stamp [s] and send the reading, which arrives after its latency."""
         if name == 'imu':
-            values = (*self._noisy('gyro', model, data, GYROSCOPE_BIAS),
-                      *self._noisy('accelerometer', model, data, ACCELEROMETER_BIAS))
+            values = (
+                *self._noisy('gyro', model, data, GYROSCOPE_BIAS),
+                *self._noisy('accelerometer', model, data, ACCELEROMETER_BIAS),
+            )
         else:
             values = self._noisy(name, model, data, self._place_error(name, data))[:1]
         self.send(stamp + RAW_SENSORS[name][1], Measurement(name, stamp, values))
 
-    def _noisy(self, name: str, model: Any, data: Any, offset: float) -> tuple[float, ...]:
+    def _noisy(
+        self, name: str, model: Any, data: Any, offset: float
+    ) -> tuple[float, ...]:
         true, deviation = data.sensor(name).data, model.sensor(name).noise[0]
         # the same numbers as from Generator.normal, in a quarter of its time
         noise = deviation * self._random.standard_normal(len(true))

@@ -33,8 +33,11 @@ def spectral_density(wind: Wind, frequencies: np.ndarray) -> np.ndarray:
     """Return S along and across the mean wind [m²/s] at frequencies [Hz], shape (2, n)."""
     times = LENGTHS / wind.mean_speed
     variances = (wind.turbulence * wind.mean_speed * SHARES) ** 2
-    return (4.0 * (variances * times)[:, None]
-            / (1.0 + 6.0 * np.outer(times, frequencies)) ** (5.0 / 3.0))
+    return (
+        4.0
+        * (variances * times)[:, None]
+        / (1.0 + 6.0 * np.outer(times, frequencies)) ** (5.0 / 3.0)
+    )
 
 
 class Gusts:
@@ -44,7 +47,9 @@ class Gusts:
         edges = np.geomspace(*FREQUENCIES, TONES + 1)
         # a random frequency in each band, so that the gusts do not repeat
         frequencies = edges[:-1] * (edges[1:] / edges[:-1]) ** random.random(TONES)
-        self._amplitudes = np.sqrt(2.0 * spectral_density(wind, frequencies) * np.diff(edges))
+        self._amplitudes = np.sqrt(
+            2.0 * spectral_density(wind, frequencies) * np.diff(edges)
+        )
         self._rates = math.tau * frequencies
         self._phases = random.uniform(0.0, math.tau, (2, TONES))
         cosine, sine = math.cos(wind.direction), math.sin(wind.direction)

@@ -39,8 +39,12 @@ class World:
     """
 
     def __init__(
-        self, scenario: Scenario, geometry: Geometry, start: float = 0.0,
-        head: Pose | None = None, drive_lag: float = 0.0,
+        self,
+        scenario: Scenario,
+        geometry: Geometry,
+        start: float = 0.0,
+        head: Pose | None = None,
+        drive_lag: float = 0.0,
     ) -> None:
         self.scenario = scenario
         self._start, self._lag = start, drive_lag
@@ -51,19 +55,35 @@ class World:
         self.data: Any = initial_state(self.model, geometry, head or off_wall)
         self._target = self._lagged = np.array(self.carriages)
         _, stiffness, damping = self.model.actuator('q1').biasprm[:3]
-        self._damping_time = damping / stiffness  # s, lag of the servos without correction
+        self._damping_time = (
+            damping / stiffness
+        )  # s, lag of the servos without correction
         # the weld is a spring and a damper of 2 timeconst, and the damper resists the carrier
         self._carrier_lag = 2.0 * float(self.model.equality('carrier').solref[0])  # s
         wind, estimator, raw_sensors, self._wrench_noise = (
-            np.random.default_rng((scenario.seed, part)) for part in range(4))
-        self.estimator = sensors.SimulatedEstimator(scenario.estimator, start, estimator)
+            np.random.default_rng((scenario.seed, part)) for part in range(4)
+        )
+        self.estimator = sensors.SimulatedEstimator(
+            scenario.estimator, start, estimator
+        )
         self.raw_sensors = sensors.RawSensors(raw_sensors)
-        self._tasks: list[tuple[float, Any]] = [  # rate [Hz], and a function of a stamp [s]
-            (rate, partial(self.raw_sensors.sample, self.model, self.data, name))
-            for name, (rate, _) in sensors.RAW_SENSORS.items()] if scenario.raw_sensors else [
-            (scenario.estimator.rate, lambda stamp: self.estimator.sample(stamp, self.rail))]
+        self._tasks: list[tuple[float, Any]] = (
+            [  # rate [Hz], and a function of a stamp [s]
+                (rate, partial(self.raw_sensors.sample, self.model, self.data, name))
+                for name, (rate, _) in sensors.RAW_SENSORS.items()
+            ]
+            if scenario.raw_sensors
+            else [
+                (
+                    scenario.estimator.rate,
+                    lambda stamp: self.estimator.sample(stamp, self.rail),
+                )
+            ]
+        )
         if scenario.wind.mean_speed and not is_prescribed:
-            self._tasks.append((WIND_RATE, partial(self._blow, Gusts(scenario.wind, wind))))
+            self._tasks.append(
+                (WIND_RATE, partial(self._blow, Gusts(scenario.wind, wind)))
+            )
         if is_prescribed:
             self._begin_motion()
 
@@ -85,17 +105,23 @@ class World:
     @property
     def carriages(self) -> Carriages:
         """Return the positions of the carriages [m]."""
-        return Carriages(*(float(self.data.joint(name).qpos[0]) for name in Carriages._fields))
+        return Carriages(
+            *(float(self.data.joint(name).qpos[0]) for name in Carriages._fields)
+        )
 
     @property
     def wrench(self) -> Wrench:
         """Return the wrench of the brush on the head in its frame, without noise [N, N, N m]."""
-        fx, fy, _ = self.data.sensor('force').data.tolist()  # force of the head on the brush
+        fx, fy, _ = self.data.sensor(
+            'force'
+        ).data.tolist()  # force of the head on the brush
         return Wrench(-fx, -fy, -float(self.data.sensor('torque').data[2]))
 
     def measure_wrench(self) -> Wrench:
         """Return a reading of the force sensor, with noise [N, N, N m]."""
-        force, moment = (self.model.sensor(name).noise[0] for name in ('force', 'torque'))
+        force, moment = (
+            self.model.sensor(name).noise[0] for name in ('force', 'torque')
+        )
         noise = self._wrench_noise.standard_normal(3) * (force, force, moment)
         return Wrench(*(noise + self.wrench).tolist())
 
@@ -110,14 +136,18 @@ class World:
         tasks = [(round(1.0 / (rate * step)), task) for rate, task in self._tasks]
         *commands, last = zip(
             self._controls(np.array(target), count, step),
-            *_placements(self.scenario.motion.poses(times)), strict=True)
+            *_placements(self.scenario.motion.poses(times)),
+            strict=True,
+        )
         # each access of `data` makes another view
         ctrl, position, attitude = data.ctrl, data.mocap_pos[0], data.mocap_quat[0]
         for number, command in enumerate(commands, first):
             ctrl[:], position[:], attitude[:] = command
             mujoco.mj_step(self.model, data)
             for every, act in tasks:
-                if number % every == 0:  # mj_step keeps sensors and poses from before the step
+                if (
+                    number % every == 0
+                ):  # mj_step keeps sensors and poses from before the step
                     act(self._start + number * step)
         ctrl[:], position[:], attitude[:] = last
         mujoco.mj_forward(self.model, data)
@@ -140,7 +170,12 @@ class World:
         wind = gusts.velocity(stamp - self._start) - data.joint('gondola').qvel[:2]
         force = drag(gondola, wind) - drag(gondola, gusts.mean)
         data.body('gondola').xfrc_applied[:] = (
-            *force, 0.0, 0.0, 0.0, gondola.pressure_offset * force[1])
+            *force,
+            0.0,
+            0.0,
+            0.0,
+            gondola.pressure_offset * force[1],
+        )
 
     def _begin_motion(self) -> None:
         """Set the gondola onto its prescribed path."""
@@ -160,5 +195,7 @@ class World:
 def _placements(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the positions [m] and the quaternions of planar poses, shapes (n, 3) and (n, 4)."""
     (x, y, theta), none = poses.T, np.zeros(len(poses))
-    return (np.column_stack((x, y, none)),
-            np.column_stack((np.cos(0.5 * theta), none, none, np.sin(0.5 * theta))))
+    return (
+        np.column_stack((x, y, none)),
+        np.column_stack((np.cos(0.5 * theta), none, none, np.sin(0.5 * theta))),
+    )

@@ -19,7 +19,10 @@ from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.resources import machine_file
 from facade_manipulator.tools.calibration import estimator, geometry
 from facade_manipulator.tools.calibration.geometry import AXES, in_units, UNITS
-from facade_manipulator.tools.calibration.recording import HEAD_ON_WALL, read_estimator_recording
+from facade_manipulator.tools.calibration.recording import (
+    HEAD_ON_WALL,
+    read_estimator_recording,
+)
 from facade_manipulator.tools.calibration.tables import read_table
 
 OVERLAY = Path('machine.yaml')  # file that `commission` writes
@@ -37,7 +40,9 @@ def plan_poses(options: argparse.Namespace) -> Iterator[str]:
     carriages = geometry.spread_carriages(drawing, options.count)
     yield 'goal_x,goal_y,goal_qz,goal_qw,q1_mm,q2_mm,q3_mm,x_mm,y_mm,theta_deg'
     x, y, theta = geometry.head_poses(drawing, carriages).T
-    for row in np.column_stack([x, y, np.sin(theta / 2), np.cos(theta / 2), 1e3 * carriages]):
+    for row in np.column_stack(
+        [x, y, np.sin(theta / 2), np.cos(theta / 2), 1e3 * carriages]
+    ):
         yield ','.join(f'{value:.5f}' for value in row) + ',,,'
 
 
@@ -47,36 +52,62 @@ def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
     measurements = geometry.Measurements(table[:, :3], table[:, 3:])
     noise = np.take(options.noise, [0, 0, 1]) * [1e-3, 1e-3, math.radians(1.0)]
     found = geometry.fit_geometry(drawing, measurements, noise, options.frame)
-    for k, value, deviation in zip(found.sought, found.values, found.deviations, strict=True):
+    for k, value, deviation in zip(
+        found.sought, found.values, found.deviations, strict=True
+    ):
         yield _line(geometry.ERRORS[k][0], value, deviation, geometry.ERRORS[k][2])
-    yield from (f'The poses do not determine {combination}.' for combination in found.unidentified)
-    yield from (f'Row {row + 1} contradicts the others ({in_units(found.residuals[row])}) and is '
-                'left out; next: measure it again.' for row in np.flatnonzero(found.outliers))
+    yield from (
+        f'The poses do not determine {combination}.'
+        for combination in found.unidentified
+    )
+    yield from (
+        f'Row {row + 1} contradicts the others ({in_units(found.residuals[row])}) and is '
+        'left out; next: measure it again.'
+        for row in np.flatnonzero(found.outliers)
+    )
     yield f'The rows scatter by {found.scatter:.2f} times the stated noise.'
     yield f'The maximum standard deviation of the head is {in_units(found.head_deviation)}.'
     before, after = map(
-        in_units, geometry.held_out_errors(drawing, measurements, noise, found))
+        in_units, geometry.held_out_errors(drawing, measurements, noise, found)
+    )
     yield f'Rows left out of the fit were off by {before} before and are off by {after} now.'
-    yield from _parameters('/**', 'geometry', {
-        name: getattr(found.geometry, name) for name in geometry.FIELDS})
+    yield from _parameters(
+        '/**',
+        'geometry',
+        {name: getattr(found.geometry, name) for name in geometry.FIELDS},
+    )
 
 
 def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
     """Yield mounting and delay of the estimator and the lines of the parameter file."""
-    recording = read_estimator_recording(options.recording, options.head, options.namespace)
+    recording = read_estimator_recording(
+        options.recording, options.head, options.namespace
+    )
     given = read_parameters(options.parameters, 'compensator')
     found = estimator.fit_estimator(
-        _geometry(options), recording, settings_from(EstimateSettings, given, 'estimate'))
+        _geometry(options),
+        recording,
+        settings_from(EstimateSettings, given, 'estimate'),
+    )
     mounting, delay = found.settings.mounting, found.settings.delay
-    for name, value, deviation, unit in zip(estimator.SOUGHT, (*mounting, delay), found.deviations,
-                                            (*UNITS, ('ms', 1e3)), strict=True):
+    for name, value, deviation, unit in zip(
+        estimator.SOUGHT,
+        (*mounting, delay),
+        found.deviations,
+        (*UNITS, ('ms', 1e3)),
+        strict=True,
+    ):
         yield _line(name, value, deviation, unit)
     yield f'The instrument is {1e3 * found.late:+.1f} ms late; {in_units(found.residual)} remain.'
-    yield from _parameters('/**/compensator', 'estimate', {'mounting': mounting, 'delay': delay})
+    yield from _parameters(
+        '/**/compensator', 'estimate', {'mounting': mounting, 'delay': delay}
+    )
 
 
 def _geometry(options: argparse.Namespace) -> Geometry:
-    return settings_from(Geometry, read_parameters(options.parameters, 'compensator'), 'geometry')
+    return settings_from(
+        Geometry, read_parameters(options.parameters, 'compensator'), 'geometry'
+    )
 
 
 def _line(name: str, value: float, deviation: float, unit: tuple[str, float]) -> str:
@@ -94,27 +125,59 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='calibrate', description=__doc__)
     files = argparse.ArgumentParser(add_help=False)
     files.add_argument(
-        '--parameters', nargs='+', type=Path, metavar='YAML',
+        '--parameters',
+        nargs='+',
+        type=Path,
+        metavar='YAML',
         default=[machine_file(), *filter(Path.exists, [OVERLAY])],
-        help='parameter files, later files override (default manipulator.yaml and machine.yaml)')
+        help='parameter files, later files override (default manipulator.yaml and machine.yaml)',
+    )
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
-    poses, errors, mounting = (commands.add_parser(name, parents=[files], help=text) for name, text
-                               in (('poses', 'print poses to measure at, as a CSV table'),
-                                   ('geometry', 'find the errors of the machine from a table'),
-                                   ('estimator', 'find mounting and delay from a recording')))
+    poses, errors, mounting = (
+        commands.add_parser(name, parents=[files], help=text)
+        for name, text in (
+            ('poses', 'print poses to measure at, as a CSV table'),
+            ('geometry', 'find the errors of the machine from a table'),
+            ('estimator', 'find mounting and delay from a recording'),
+        )
+    )
     poses.set_defaults(run=plan_poses)
-    poses.add_argument('--count', type=int, default=20, choices=range(4, 201), metavar='N',
-                       help='number of poses, from 4 to 200 (default 20)')
+    poses.add_argument(
+        '--count',
+        type=int,
+        default=20,
+        choices=range(4, 201),
+        metavar='N',
+        help='number of poses, from 4 to 200 (default 20)',
+    )
     errors.set_defaults(run=calibrate_geometry)
-    errors.add_argument('table', type=Path, help='CSV with columns q1, q2, q3 and x, y, theta of '
-                        'the head, with units in their names: q1_mm, theta_deg')
-    errors.add_argument('--noise', nargs=2, type=above_zero, default=(0.1, 0.02),
-                        metavar=('MM', 'DEG'), help='standard deviation (default 0.1 0.02)')
-    errors.add_argument('--frame', action='store_true', help="find the instrument's frame too")
+    errors.add_argument(
+        'table',
+        type=Path,
+        help='CSV with columns q1, q2, q3 and x, y, theta of '
+        'the head, with units in their names: q1_mm, theta_deg',
+    )
+    errors.add_argument(
+        '--noise',
+        nargs=2,
+        type=above_zero,
+        default=(0.1, 0.02),
+        metavar=('MM', 'DEG'),
+        help='standard deviation (default 0.1 0.02)',
+    )
+    errors.add_argument(
+        '--frame', action='store_true', help="find the instrument's frame too"
+    )
     mounting.set_defaults(run=calibrate_estimator)
-    mounting.add_argument('recording', type=Path, help='rosbag2 folder, .mcap or .db3 file')
-    mounting.add_argument('--head', default=HEAD_ON_WALL, metavar='TOPIC',
-                          help=f'pose of the head on the wall (default {HEAD_ON_WALL})')
+    mounting.add_argument(
+        'recording', type=Path, help='rosbag2 folder, .mcap or .db3 file'
+    )
+    mounting.add_argument(
+        '--head',
+        default=HEAD_ON_WALL,
+        metavar='TOPIC',
+        help=f'pose of the head on the wall (default {HEAD_ON_WALL})',
+    )
     mounting.add_argument('--namespace', default='', help='namespace of the nodes')
     return parser
 

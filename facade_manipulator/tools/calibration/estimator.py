@@ -68,7 +68,8 @@ def fit_estimator(
     for time in joints[np.isnan(heads).any(axis=1), 0]:
         raise CalibrationError(
             f'joints rejected: the links do not close {time:.2f} s after the first disturbance; '
-            'next: check geometry and unit of the carriages')
+            'next: check geometry and unit of the carriages'
+        )
     published, head = _smoothed(disturbance), CubicSpline(joints[:, 0], heads)
     times, measured = wall[:, 0], wall[:, 1:]
     drift = np.vander(np.linspace(-1.0, 1.0, len(times)), 3, increasing=True)
@@ -78,39 +79,58 @@ def fit_estimator(
         values = scaled * SCALES
         delay, late = np.clip(values[[DELAY, LATE]], -LONGEST_DELAY, LONGEST_DELAY)
         return measured - expected_heads(
-            values[:DELAY], present.axes, published(times - late + delay), head(times - late),
-            drift @ values[FRAME:].reshape(3, 3).T)
+            values[:DELAY],
+            present.axes,
+            published(times - late + delay),
+            head(times - late),
+            drift @ values[FRAME:].reshape(3, 3).T,
+        )
 
     scaled = np.append([*present.mounting, present.delay], np.zeros(10)) / SCALES
     scaled[[FRAME, FRAME + 3]] = np.median(misses(scaled), axis=0)[:2] / SCALES[FRAME]
     noise = np.full(3, SMALL)
-    for _ in range(4):  # first with guessed weights, then with weights from the residuals
+    for _ in range(
+        4
+    ):  # first with guessed weights, then with weights from the residuals
         scaled, jacobian = robust.fit(
             lambda at: (misses(at) / noise).ravel(),  # noqa: B023
-            scaled, 'soft_l1')
+            scaled,
+            'soft_l1',
+        )
         noise = np.maximum(robust.deviation(misses(scaled)), 1e-9)
     motion = published(times).std(axis=0)
     if (noise > np.maximum(SMALL, MOST_LEFT * motion)).any():
         raise CalibrationError(
             f'recording rejected: {in_units(noise)} remain of a motion of {in_units(motion)}; '
             'next: check the clocks of both computers, and unit, sign and order of the axes of '
-            'estimator and instrument')
+            'estimator and instrument'
+        )
     weighed = np.clip(misses(scaled) / noise, -robust.INLIER, robust.INLIER)
     basis, _ = np.linalg.qr(jacobian[:, LATE:])
-    rates = jacobian[:, :LATE] - basis @ (basis.T @ jacobian[:, :LATE])  # unexplained by others
+    rates = jacobian[:, :LATE] - basis @ (
+        basis.T @ jacobian[:, :LATE]
+    )  # unexplained by others
     rates /= np.sqrt(max(map(correlated_samples, weighed.T)))
     if blind := robust.unidentified(rates, np.ones(LATE), SOUGHT):
         raise CalibrationError(
             f'recording rejected: it does not determine {"; ".join(blind)}; next: record longer, '
-            'let the gondola turn for the mounting, and the head move on the rail for the delay')
+            'let the gondola turn for the mounting, and the head move on the rail for the delay'
+        )
     found = (scaled * SCALES).tolist()
     return EstimatorFit(
         replace(present, mounting=tuple(found[:DELAY]), delay=found[DELAY]),
-        np.sqrt(np.diag(np.linalg.inv(rates.T @ rates))) * NEEDED, found[LATE], noise)
+        np.sqrt(np.diag(np.linalg.inv(rates.T @ rates))) * NEEDED,
+        found[LATE],
+        noise,
+    )
 
 
 def expected_heads(
-    mounting: np.ndarray, axes: float, published: np.ndarray, heads: np.ndarray, frames: np.ndarray
+    mounting: np.ndarray,
+    axes: float,
+    published: np.ndarray,
+    heads: np.ndarray,
+    frames: np.ndarray,
 ) -> np.ndarray:
     """
     Return the heads in the instrument's frame, shape (n, 3) [m, m, rad].
@@ -126,25 +146,35 @@ def expected_heads(
 
     """
     published_place, head, frame = (
-        poses[:, 0] + 1j * poses[:, 1] for poses in (published, heads, frames))
+        poses[:, 0] + 1j * poses[:, 1] for poses in (published, heads, frames)
+    )
     place, yaw = mounting[0] + 1j * mounting[1], published[:, 2] - mounting[2]
-    on_facade = published_place * np.exp(1j * axes) + place + np.exp(1j * yaw) * (head - place)
+    on_facade = (
+        published_place * np.exp(1j * axes) + place + np.exp(1j * yaw) * (head - place)
+    )
     seen = frame + np.exp(1j * frames[:, 2]) * on_facade
     return np.column_stack([seen.real, seen.imag, yaw + frames[:, 2] + heads[:, 2]])
 
 
 def _in_common(recording: EstimatorRecording) -> EstimatorRecording:
     """Return the period common to all series; stamps count from the first disturbance [s]."""
-    start = recording.disturbance[0, 0]  # seconds since 1970 leave too few digits for a delay
+    start = recording.disturbance[
+        0, 0
+    ]  # seconds since 1970 leave too few digits for a delay
     disturbance, joints, wall = (table - [start, 0.0, 0.0, 0.0] for table in recording)
-    begin = max(table[0, 0] for table in (disturbance, joints, wall)) + 2 * LONGEST_DELAY
+    begin = (
+        max(table[0, 0] for table in (disturbance, joints, wall)) + 2 * LONGEST_DELAY
+    )
     end = min(table[-1, 0] for table in (disturbance, joints, wall)) - 2 * LONGEST_DELAY
     if end - begin < MIN_OVERLAP:
         raise CalibrationError(
             f'recording rejected: its series share {end - begin:.1f} s, below {MIN_OVERLAP:g} s; '
-            'next: record longer, with synchronised clocks')
+            'next: record longer, with synchronised clocks'
+        )
     wall = wall[(begin <= wall[:, 0]) & (wall[:, 0] <= end)]
-    return EstimatorRecording(disturbance, joints, wall[::max(1, len(wall) // MOST_SAMPLES)])
+    return EstimatorRecording(
+        disturbance, joints, wall[:: max(1, len(wall) // MOST_SAMPLES)]
+    )
 
 
 def _smoothed(disturbance: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
@@ -159,7 +189,9 @@ def _smoothed(disturbance: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     stamps = disturbance[:, 0]
     step = float(np.median(np.diff(stamps)))
     even = np.arange(stamps[0], stamps[-1], step)
-    series = np.column_stack([np.interp(even, stamps, column) for column in disturbance.T[1:]])
+    series = np.column_stack(
+        [np.interp(even, stamps, column) for column in disturbance.T[1:]]
+    )
     low_pass = butter(4, CUTOFF, fs=max(1.0 / step, 4.0 * CUTOFF), output='sos')
     return CubicSpline(even, sosfiltfilt(low_pass, series, axis=0))
 
@@ -167,7 +199,7 @@ def _smoothed(disturbance: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
 def correlated_samples(series: np.ndarray) -> float:
     """Return the number of samples in one independent sample: 1 + 2 Σ ρ to the first zero of ρ."""
     spectrum = np.abs(np.fft.rfft(series - series.mean(), 2 * len(series))) ** 2
-    rho = np.fft.irfft(spectrum)[:len(series)]
+    rho = np.fft.irfft(spectrum)[: len(series)]
     rho /= max(rho[0], 1e-300)
     last = int(np.argmax(rho <= 0.0)) or len(rho)
     return float(1.0 + 2.0 * rho[1:last].sum())

@@ -28,7 +28,10 @@ from facade_manipulator.kinematics import (
 from facade_manipulator.tools.calibration import robust
 
 AXES = ('x', 'y', 'theta')  # of the head
-MM, DEG = ('mm', 1e3), ('deg', 180.0 / np.pi)  # units of the report, with their factor from SI
+MM, DEG = (
+    ('mm', 1e3),
+    ('deg', 180.0 / np.pi),
+)  # units of the report, with their factor from SI
 UNITS = MM, MM, DEG  # of the head
 # share of its tolerance: an error measured worse than this adds little to the drawing
 NEEDED = 0.5
@@ -82,7 +85,9 @@ class GeometryFit(NamedTuple):
     values: np.ndarray  #: values of these errors [m, rad]
     deviations: np.ndarray  #: their standard deviations [m, rad]
     residuals: np.ndarray  #: measured minus expected heads, shape (n, 3) [m, m, rad]
-    outliers: np.ndarray  #: whether a row contradicts the others and is left out, shape (n,)
+    outliers: (
+        np.ndarray
+    )  #: whether a row contradicts the others and is left out, shape (n,)
     scatter: float  #: residuals over the stated noise; 1 where both agree
     unidentified: list[str]  #: combinations of errors that the poses do not determine
     head_deviation: np.ndarray  #: maximum in the workspace, shape (3,) [m, m, rad]
@@ -92,16 +97,25 @@ def machine(geometry: Geometry, values: np.ndarray) -> tuple[Geometry, Pose]:
     """Return a geometry with the values of `ERRORS`, and the rail in the instrument's frame."""
     link1, link2, half1, half2, q1, q2, q3, angle, *poses = values.tolist()
     return replace(
-        geometry, link_errors=(link1, link2), platform_errors=(half1, half2),
-        carriage_offsets=(q1, q2, q3), rail_angle=angle, tool=tuple(poses[:3])), Pose(*poses[3:])
+        geometry,
+        link_errors=(link1, link2),
+        platform_errors=(half1, half2),
+        carriage_offsets=(q1, q2, q3),
+        rail_angle=angle,
+        tool=tuple(poses[:3]),
+    ), Pose(*poses[3:])
 
 
-def head_poses(geometry: Geometry, carriages: np.ndarray, frame: Pose = ZERO_POSE) -> np.ndarray:
+def head_poses(
+    geometry: Geometry, carriages: np.ndarray, frame: Pose = ZERO_POSE
+) -> np.ndarray:
     """Return poses of the head, shape (n, 3) [m, m, rad], NaN where the links do not close."""
     mechanism, heads = Mechanism(geometry), np.full((len(carriages), 3), np.nan)
     for row, positions in enumerate(carriages.tolist()):
         try:
-            heads[row] = compose(frame, mechanism.forward_kinematics(Carriages(*positions)))
+            heads[row] = compose(
+                frame, mechanism.forward_kinematics(Carriages(*positions))
+            )
         except LimitError:
             continue
     return heads
@@ -115,7 +129,10 @@ def head_differences(heads: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def fit_geometry(
-    drawing: Geometry, measurements: Measurements, noise: np.ndarray, has_frame: bool = False
+    drawing: Geometry,
+    measurements: Measurements,
+    noise: np.ndarray,
+    has_frame: bool = False,
 ) -> GeometryFit:
     """
     Return the errors of a machine, fitted to measured poses.
@@ -140,12 +157,27 @@ def fit_geometry(
     carriages, heads = measurements
     frame, sought = ZERO_POSE, IN_ANY_FRAME if has_frame else IN_RAIL
     if has_frame:  # approximately, from the first row
-        seen, drawn = next(zip(*(poses[np.isfinite(heads).all(axis=1)].tolist() for poses in (
-            heads, head_poses(drawing, carriages))), strict=True), (ZERO_POSE, ZERO_POSE))
+        seen, drawn = next(
+            zip(
+                *(
+                    poses[np.isfinite(heads).all(axis=1)].tolist()
+                    for poses in (heads, head_poses(drawing, carriages))
+                ),
+                strict=True,
+            ),
+            (ZERO_POSE, ZERO_POSE),
+        )
         frame = compose(Pose(*seen), invert(Pose(*drawn)))
-    drawn = np.array([
-        *drawing.link_errors, *drawing.platform_errors, *drawing.carriage_offsets,
-        drawing.rail_angle, *drawing.tool, *frame])
+    drawn = np.array(
+        [
+            *drawing.link_errors,
+            *drawing.platform_errors,
+            *drawing.carriage_offsets,
+            drawing.rail_angle,
+            *drawing.tool,
+            *frame,
+        ]
+    )
 
     def values(scaled: np.ndarray) -> np.ndarray:
         """Return all errors [m, rad] from the fitted errors in units of their tolerances."""
@@ -168,38 +200,57 @@ def fit_geometry(
     scaled, jacobian, used = _fit_rows(misses, np.isfinite(heads), len(sought))
     remain = misses(scaled)
     scatter = np.sqrt((remain[used] ** 2).sum() / max(1, used.sum() - len(sought)))
-    rates = jacobian[:-len(sought)] / max(1.0, scatter)
+    rates = jacobian[: -len(sought)] / max(1.0, scatter)
     covariance = np.linalg.inv(rates.T @ rates + np.eye(len(sought)))
     grid = permitted_carriages(drawing)
-    shifts = np.array([
-        head_differences(expected(scaled + step, grid), expected(scaled - step, grid))
-        for step in STEP * np.eye(len(sought))]) / (2.0 * STEP)
-    head_deviation = np.sqrt(np.nanmax(
-        np.einsum('mni,mk,kni->ni', shifts, covariance, shifts), axis=0))
+    shifts = np.array(
+        [
+            head_differences(
+                expected(scaled + step, grid), expected(scaled - step, grid)
+            )
+            for step in STEP * np.eye(len(sought))
+        ]
+    ) / (2.0 * STEP)
+    head_deviation = np.sqrt(
+        np.nanmax(np.einsum('mni,mk,kni->ni', shifts, covariance, shifts), axis=0)
+    )
     names = [ERRORS[k][0] for k in sought]
     blind = robust.unidentified(rates, np.full(len(names), NEEDED), names)
     if (head_deviation > MOST_HEAD_DEVIATION * noise)[used.any(axis=0)].any():
         raise CalibrationError(
             'table rejected: somewhere in the workspace the head is known only to '
             f'{in_units(head_deviation)}; the poses do not determine {"; ".join(blind)}; next: '
-            'measure at those that calibrate poses prints, or state the real --noise')
+            'measure at those that calibrate poses prints, or state the real --noise'
+        )
     return GeometryFit(
-        *machine(drawing, values(scaled)), sought, values(scaled)[sought],
-        np.sqrt(np.diag(covariance)) * TOLERANCES[sought], remain * noise,
-        np.isfinite(heads).any(axis=1) & ~used.any(axis=1), scatter, blind, head_deviation)
+        *machine(drawing, values(scaled)),
+        sought,
+        values(scaled)[sought],
+        np.sqrt(np.diag(covariance)) * TOLERANCES[sought],
+        remain * noise,
+        np.isfinite(heads).any(axis=1) & ~used.any(axis=1),
+        scatter,
+        blind,
+        head_deviation,
+    )
 
 
 def _fit_rows(
     misses: Callable[[np.ndarray], np.ndarray], measured: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return errors in tolerances, Jacobian of the residuals, and a mask of the used numbers."""
+
     def solve(start: np.ndarray, loss: str) -> tuple[np.ndarray, np.ndarray]:
-        return robust.fit(lambda scaled: np.append(misses(scaled)[used], scaled), start, loss)
+        return robust.fit(
+            lambda scaled: np.append(misses(scaled)[used], scaled), start, loss
+        )
 
     used = measured
     if measured.sum() <= count:
-        raise CalibrationError(f'table rejected: {measured.sum()} measured numbers for {count} '
-                               'errors; next: measure more poses')
+        raise CalibrationError(
+            f'table rejected: {measured.sum()} measured numbers for {count} '
+            'errors; next: measure more poses'
+        )
     scaled, jacobian = solve(np.zeros(count), 'soft_l1')
     for _ in range(3):  # a wrong row no longer shifts the others after it is left out
         remain = np.nan_to_num(misses(scaled), nan=robust.FAR) * measured
@@ -208,7 +259,8 @@ def _fit_rows(
         if outliers.sum() > MOST_OUTLIERS * len(outliers):
             raise CalibrationError(
                 f'table rejected: {outliers.sum()} of {len(outliers)} rows contradict the others; '
-                'next: check units and order of the columns, homing, --frame and --noise')
+                'next: check units and order of the columns, homing, --frame and --noise'
+            )
         used = measured & ~outliers[:, None]
         scaled, jacobian = solve(scaled, 'linear')
     return scaled, jacobian, used
@@ -216,9 +268,14 @@ def _fit_rows(
 
 def in_units(pose: np.ndarray) -> str:
     """Return the finite values among x, y and θ [m, m, rad] in mm and degrees."""
-    return ', '.join(
-        f'{axis} {value * factor:.3f} {unit}' for axis, value, (unit, factor)
-        in zip(AXES, pose, UNITS, strict=True) if np.isfinite(value)) or 'the links do not close'
+    return (
+        ', '.join(
+            f'{axis} {value * factor:.3f} {unit}'
+            for axis, value, (unit, factor) in zip(AXES, pose, UNITS, strict=True)
+            if np.isfinite(value)
+        )
+        or 'the links do not close'
+    )
 
 
 def held_out_errors(
@@ -232,24 +289,40 @@ def held_out_errors(
     """
     rows = np.flatnonzero(np.isfinite(measurements.heads).any(axis=1) & ~found.outliers)
     held = np.arange(len(rows)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
-    kept, left_out = (Measurements(*(table[rows[part]] for table in measurements))
-                      for part in (~held, held))
+    kept, left_out = (
+        Measurements(*(table[rows[part]] for table in measurements))
+        for part in (~held, held)
+    )
     fitted = fit_geometry(drawing, kept, noise, found.sought is IN_ANY_FRAME)
-    before, after = (np.ma.masked_invalid(head_differences(
-        left_out.heads, head_poses(geometry, left_out.carriages, fitted.frame)))
-        for geometry in (drawing, fitted.geometry))
-    return tuple(np.ma.sqrt((off ** 2).mean(axis=0)).filled(np.nan) for off in (before, after))
+    before, after = (
+        np.ma.masked_invalid(
+            head_differences(
+                left_out.heads, head_poses(geometry, left_out.carriages, fitted.frame)
+            )
+        )
+        for geometry in (drawing, fitted.geometry)
+    )
+    return tuple(
+        np.ma.sqrt((off**2).mean(axis=0)).filled(np.nan) for off in (before, after)
+    )
 
 
 def permitted_carriages(geometry: Geometry) -> np.ndarray:
     """Return carriage positions on a grid of the permitted workspace, shape (n, 3) [m]."""
     least, greatest = geometry.stroke
-    inner = Mechanism(replace(geometry, stroke=(least + MARGIN, greatest - MARGIN),
-                                 carriage_gap=geometry.carriage_gap + MARGIN))
+    inner = Mechanism(
+        replace(
+            geometry,
+            stroke=(least + MARGIN, greatest - MARGIN),
+            carriage_gap=geometry.carriage_gap + MARGIN,
+        )
+    )
     found = []
     for x, y, theta in product(
-            np.linspace(least, greatest, 11), np.linspace(0.05, 1.0, 14) * geometry.link_length,
-            np.linspace(-0.3, 0.3, 9)):
+        np.linspace(least, greatest, 11),
+        np.linspace(0.05, 1.0, 14) * geometry.link_length,
+        np.linspace(-0.3, 0.3, 9),
+    ):
         try:
             found.append(inner.certify(Pose(x, y, theta), MIN_CONDITIONING))
         except LimitError:
@@ -267,6 +340,8 @@ def spread_carriages(geometry: Geometry, count: int) -> np.ndarray:
     chosen = [int(np.argmax(np.ptp(carriages, axis=1)))]
     distances = np.full(len(carriages), np.inf)
     while len(chosen) < count:
-        distances = np.minimum(distances, ((carriages - carriages[chosen[-1]]) ** 2).sum(axis=1))
+        distances = np.minimum(
+            distances, ((carriages - carriages[chosen[-1]]) ** 2).sum(axis=1)
+        )
         chosen.append(int(np.argmax(distances)))
     return carriages[chosen]

@@ -37,30 +37,39 @@ def read_estimator_recording(
         If the recording cannot be read or lacks a topic.
 
     """
-    from rosbags.highlevel import AnyReader  # imported here, because nodes run without rosbags
+    from rosbags.highlevel import (
+        AnyReader,
+    )  # imported here, because nodes run without rosbags
     from rosbags.typesys import get_typestore, Stores
 
     disturbance, odometry, joints, wall = topics = [
         PurePosixPath('/', namespace, name).as_posix()
-        for name in ('disturbance', 'disturbance_odometry', 'joint_states', head)]
+        for name in ('disturbance', 'disturbance_odometry', 'joint_states', head)
+    ]
     recorded: dict[str, list[Any]] = {topic: [] for topic in topics}
     try:
         # older .db3 files contain no message definitions
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:
+        with AnyReader(
+            [path], default_typestore=get_typestore(Stores.ROS2_JAZZY)
+        ) as bag:
             wanted = [one for one in bag.connections if one.topic in recorded]
             for connection, _, data in bag.messages(wanted) if wanted else ():
-                recorded[connection.topic].append(bag.deserialize(data, connection.msgtype))
+                recorded[connection.topic].append(
+                    bag.deserialize(data, connection.msgtype)
+                )
     except Exception as error:  # damaged bytes raise any error of their decoder
         raise CalibrationError(
             f'{path} rejected: it cannot be read: {error}; next: check the path, run ros2 bag '
-            'reindex or mcap recover, or record again') from error
+            'reindex or mcap recover, or record again'
+        ) from error
     estimates = disturbance if recorded[disturbance] else odometry
     series = [_by_stamp(recorded[topic]) for topic in (estimates, joints, wall)]
     for topic, rows in zip((disturbance, joints, wall), series, strict=True):
         if not rows:
             raise CalibrationError(
                 f'{path} rejected: it has no valid message of {topic}; next: record that topic, '
-                'or give --namespace')
+                'or give --namespace'
+            )
     return EstimatorRecording(*map(np.array, series))
 
 
@@ -76,7 +85,8 @@ def _by_stamp(recorded: list[Any]) -> list[tuple[float, ...]]:
 def _numbers(message: Any) -> Pose | Carriages:
     """Return the pose, or the positions of the carriages, of a recorded message [m, m, rad]."""
     if hasattr(message, 'position'):
-        return Carriages(*messages.carriages_from(
-            message.name, message.position, 'joint_states'))
+        return Carriages(
+            *messages.carriages_from(message.name, message.position, 'joint_states')
+        )
     pose = getattr(message.pose, 'pose', message.pose)  # with a covariance or without
     return messages.projected(pose, 'recorded pose')[0]

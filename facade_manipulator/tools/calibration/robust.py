@@ -34,11 +34,18 @@ def fit(
         Weighted by the loss.
 
     """
-    from scipy.optimize import least_squares  # imported here, because nodes run without scipy
+    from scipy.optimize import (
+        least_squares,
+    )  # imported here, because nodes run without scipy
 
     found = least_squares(
-        lambda parameters: np.nan_to_num(residuals(parameters), nan=FAR), start, loss=loss,
-        f_scale=INLIER, diff_step=1e-4, xtol=1e-10)
+        lambda parameters: np.nan_to_num(residuals(parameters), nan=FAR),
+        start,
+        loss=loss,
+        f_scale=INLIER,
+        diff_step=1e-4,
+        xtol=1e-10,
+    )
     return found.x, found.jac
 
 
@@ -62,8 +69,10 @@ def unidentified(
 
     """
     _, values, vectors = np.linalg.svd(jacobian * needed, full_matrices=False)
-    return [' apart from '.join(np.array(names)[np.abs(vector) > LEAST_SHARE])
-            for vector in vectors[values < 1.0]]
+    return [
+        ' apart from '.join(np.array(names)[np.abs(vector) > LEAST_SHARE])
+        for vector in vectors[values < 1.0]
+    ]
 
 
 def deviation(residuals: np.ndarray) -> np.ndarray:

@@ -14,9 +14,17 @@ from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.tools.commissioning import measure, nodes, objects, stop_test
 from facade_manipulator.tools.commissioning.context import Context
 
-STEPS = ['scan', 'assign', *(
-    f'{command} {axis}' for command in ('profile --check', 'backup', 'direction', 'jog', 'lead')
-    for axis in AXIS_NAMES), 'lag', 'stop-test']
+STEPS = [
+    'scan',
+    'assign',
+    *(
+        f'{command} {axis}'
+        for command in ('profile --check', 'backup', 'direction', 'jog', 'lead')
+        for axis in AXIS_NAMES
+    ),
+    'lag',
+    'stop-test',
+]
 
 
 def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
@@ -40,45 +48,108 @@ def run_status(context: Context) -> None:
     print(f'next: commission {left[0]}' if left else 'next: start the machine')
 
 
-def _length(least: float, most: float, default: str, unit: str = 'MM') -> dict[str, Any]:
+def _length(
+    least: float, most: float, default: str, unit: str = 'MM'
+) -> dict[str, Any]:
     """Return the details of an argument in mm or mm/s, stored in SI units and not 0."""
+
     def length(text: str) -> float:
         value = float(text)
         if not least <= value <= most or not value:
-            raise argparse.ArgumentTypeError(f'{text} is 0 or not between {least:g} and {most:g}')
+            raise argparse.ArgumentTypeError(
+                f'{text} is 0 or not between {least:g} and {most:g}'
+            )
         return 1e-3 * value
 
-    return {'type': length, 'default': default, 'metavar': unit,
-            'help': f'at most {most:g} (otherwise {default})'}
+    return {
+        'type': length,
+        'default': default,
+        'metavar': unit,
+        'help': f'at most {most:g} (otherwise {default})',
+    }
 
 
 AXIS: dict[str, dict[str, Any]] = {'axis': {'choices': AXIS_NAMES}}
-MOVED = AXIS | {'--speed': _length(1, 50, '10', 'MM/S'), '--alone': {
-    'action': 'store_true', 'help': 'move only this carriage: the links are not joined to it'}}
-LSS_TIMEOUT: dict[str, dict[str, Any]] = {'--lss-timeout': {
-    'type': float, 'default': 0.1, 'metavar': 'S', 'help': 'timeout [s] (default 0.1)'}}
+MOVED = AXIS | {
+    '--speed': _length(1, 50, '10', 'MM/S'),
+    '--alone': {
+        'action': 'store_true',
+        'help': 'move only this carriage: the links are not joined to it',
+    },
+}
+LSS_TIMEOUT: dict[str, dict[str, Any]] = {
+    '--lss-timeout': {
+        'type': float,
+        'default': 0.1,
+        'metavar': 'S',
+        'help': 'timeout [s] (default 0.1)',
+    }
+}
 COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]] = {
     'scan': (nodes.run_scan, LSS_TIMEOUT),
-    'assign': (nodes.run_assign, LSS_TIMEOUT | {'--serials': {
-        'type': int, 'nargs': len(AXIS_NAMES), 'metavar': AXIS_NAMES,
-        'help': 'serial numbers of the drives; default: the command asks'}}),
-    'profile': (objects.run_profile, {
-        'axis': {'nargs': '?', 'choices': AXIS_NAMES, 'help': 'otherwise all'},
-        '--check': {'action': 'store_true', 'required': True}}),
-    'backup': (objects.run_backup, AXIS | {
-        'file': {'type': Path, 'nargs': '?', 'help': 'default: machine.AXIS.dcf'},
-        '--eds': {'type': Path, 'help': 'EDS of the maker, which lists more objects'}}),
+    'assign': (
+        nodes.run_assign,
+        LSS_TIMEOUT
+        | {
+            '--serials': {
+                'type': int,
+                'nargs': len(AXIS_NAMES),
+                'metavar': AXIS_NAMES,
+                'help': 'serial numbers of the drives; default: the command asks',
+            }
+        },
+    ),
+    'profile': (
+        objects.run_profile,
+        {
+            'axis': {'nargs': '?', 'choices': AXIS_NAMES, 'help': 'otherwise all'},
+            '--check': {'action': 'store_true', 'required': True},
+        },
+    ),
+    'backup': (
+        objects.run_backup,
+        AXIS
+        | {
+            'file': {'type': Path, 'nargs': '?', 'help': 'default: machine.AXIS.dcf'},
+            '--eds': {
+                'type': Path,
+                'help': 'EDS of the maker, which lists more objects',
+            },
+        },
+    ),
     'restore': (objects.run_restore, AXIS | {'file': {'type': Path}}),
     'direction': (measure.run_direction, AXIS),
-    'jog': (measure.run_jog, MOVED | {'distance': _length(-200, 200, '20') | {'nargs': '?'}}),
-    'lead': (measure.run_lead, MOVED | {
-        '--travel': _length(-200, 200, '40'),
-        '--measured': {'metavar': 'MM', 'help': 'default: the command asks for it'}}),
-    'home-switch': (measure.run_home_switch, MOVED | {
-        '--window': _length(0, 200, '50'),
-        '--towards': {'choices': '+-', 'default': '+', 'help': 'side of the switch (+)'},
-        '--approaches': {'type': int, 'default': 10, 'choices': range(1, 101), 'metavar': 'N',
-                         'help': 'at most 100 (otherwise 10)'}}),
+    'jog': (
+        measure.run_jog,
+        MOVED | {'distance': _length(-200, 200, '20') | {'nargs': '?'}},
+    ),
+    'lead': (
+        measure.run_lead,
+        MOVED
+        | {
+            '--travel': _length(-200, 200, '40'),
+            '--measured': {'metavar': 'MM', 'help': 'default: the command asks for it'},
+        },
+    ),
+    'home-switch': (
+        measure.run_home_switch,
+        MOVED
+        | {
+            '--window': _length(0, 200, '50'),
+            '--towards': {
+                'choices': '+-',
+                'default': '+',
+                'help': 'side of the switch (+)',
+            },
+            '--approaches': {
+                'type': int,
+                'default': 10,
+                'choices': range(1, 101),
+                'metavar': 'N',
+                'help': 'at most 100 (otherwise 10)',
+            },
+        },
+    ),
     'lag': (measure.run_lag, {}),
     'stop-test': (stop_test.run_stop_test, {'--speed': _length(1, 300, '200', 'MM/S')}),
 }
@@ -88,21 +159,32 @@ def _common() -> argparse.ArgumentParser:
     """Return the options of each command; parsers that share them would share their defaults."""
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     common.add_argument(
-        '--parameters', type=Path, metavar='YAML', help='parameter file of the machine (otherwise '
-        'manipulator.yaml, or the installed one); machine.yaml beside it gets the results')
-    common.add_argument('--yes', action='store_true', help='answer yes to every question')
+        '--parameters',
+        type=Path,
+        metavar='YAML',
+        help='parameter file of the machine (otherwise '
+        'manipulator.yaml, or the installed one); machine.yaml beside it gets the results',
+    )
+    common.add_argument(
+        '--yes', action='store_true', help='answer yes to every question'
+    )
     return common
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='commission', description=__doc__, parents=[_common()],
-        epilog='Without a command: print the completed steps and the next step.')
+        prog='commission',
+        description=__doc__,
+        parents=[_common()],
+        epilog='Without a command: print the completed steps and the next step.',
+    )
     parser.set_defaults(run=run_status, parameters=None, yes=False, alone=False)
     commands = parser.add_subparsers(metavar='COMMAND')
     for name, (run, added) in COMMANDS.items():
         text = str(run.__doc__)
-        command = commands.add_parser(name, help=text, description=text, parents=[_common()])
+        command = commands.add_parser(
+            name, help=text, description=text, parents=[_common()]
+        )
         command.set_defaults(run=run)
         for flag, details in added.items():
             command.add_argument(flag, **details)

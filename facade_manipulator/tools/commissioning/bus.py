@@ -57,10 +57,13 @@ class ToolBus(Clock):
         """Raise a DriveStateError if frames of another master are received."""
         self.wait(Event(), _LISTENING_TIME)
         masters = pdo.frames_of_masters(NODE_IDS)
-        if heard := [masters[one.cob_id][0] for one in self._received if one.cob_id in masters]:
+        if heard := [
+            masters[one.cob_id][0] for one in self._received if one.cob_id in masters
+        ]:
             raise DriveStateError(
                 f'the bus {self.frames} is in use by another master: {heard[0]} was received; '
-                'next: end the driver or the other tool')
+                'next: end the driver or the other tool'
+            )
 
     def serial_numbers(self, node_ids: Iterable[int]) -> dict[int, list[int]]:
         """Return every serial number received from each node id; all nodes are asked together."""
@@ -73,8 +76,12 @@ class ToolBus(Clock):
         for frame in self._received:
             node_id = frame.cob_id - pdo.SDO_RESPONSE
             if node_id in NODE_IDS and len(frame.data) == SDO_FRAME_LENGTH:
-                is_number = frame.data[0] == _FOUR_BYTES  # otherwise there is no serial number
-                found[node_id].append(int.from_bytes(frame.data[4:], 'little') * is_number)
+                is_number = (
+                    frame.data[0] == _FOUR_BYTES
+                )  # otherwise there is no serial number
+                found[node_id].append(
+                    int.from_bytes(frame.data[4:], 'little') * is_number
+                )
         return found
 
     def number(self, node_id: int, index: int, subindex: int = 0) -> int | None:
@@ -94,10 +101,13 @@ class ToolBus(Clock):
         self._received.clear()
         self.frames.command('RESET', node_id)
         boot_up = pdo.HEARTBEAT + node_id
-        if not self.wait_for(lambda: any(
-                one.cob_id == boot_up for one in self._received), BOOT_TIMEOUT):
-            raise DriveTimeoutError(f'node {node_id} sent no boot-up message in {BOOT_TIMEOUT:g} '
-                                    's; next: switch its power off and on, then scan')
+        if not self.wait_for(
+            lambda: any(one.cob_id == boot_up for one in self._received), BOOT_TIMEOUT
+        ):
+            raise DriveTimeoutError(
+                f'node {node_id} sent no boot-up message in {BOOT_TIMEOUT:g} '
+                's; next: switch its power off and on, then scan'
+            )
 
 
 def lss_master(bus: ToolBus, timeout: float) -> LssMaster:
@@ -113,8 +123,10 @@ def lss_master(bus: ToolBus, timeout: float) -> LssMaster:
         bus.wait(Event(), _PACE)
         master.responses.queue.clear()  # late answers to the previous request
         bus.frames.send(cob_id, bytes(data))
-        bus.wait_for(lambda: master.responses.queue,
-                     STORING_TIME if data[0] == CS_STORE_CONFIGURATION else timeout)
+        bus.wait_for(
+            lambda: master.responses.queue,
+            STORING_TIME if data[0] == CS_STORE_CONFIGURATION else timeout,
+        )
 
     def receive(frame: Frame) -> None:
         if len(frame.data) == SDO_FRAME_LENGTH:

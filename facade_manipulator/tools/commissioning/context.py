@@ -46,7 +46,9 @@ class Overlay:
         """Return the time of each completed step by the words of its command."""
         return dict(re.findall('^# done: (.+) at (.+)$', self._text(), re.MULTILINE))
 
-    def write(self, step: str, results: Mapping[str, Any], is_done: bool = True) -> None:
+    def write(
+        self, step: str, results: Mapping[str, Any], is_done: bool = True
+    ) -> None:
         """
         Set parameters of the driver by full name, and record whether a step is done.
 
@@ -59,7 +61,9 @@ class Overlay:
         content = yaml.safe_load(self._text()) or {}
         for name, value in results.items():
             group, _, key = name.partition('.')
-            driver = content.setdefault('/**/driver', {}).setdefault('ros__parameters', {})
+            driver = content.setdefault('/**/driver', {}).setdefault(
+                'ros__parameters', {}
+            )
             driver.setdefault(group, {})[key] = value
         done = [f'# done: {name} at {when}' for name, when in steps.items()]
         text = yaml.safe_dump(content, sort_keys=False) if content else ''
@@ -74,8 +78,11 @@ class Context:
     """Machine, operator and options of a command; tests pass a bus and a clock."""
 
     def __init__(
-        self, options: argparse.Namespace,
-        open_frames: Callable[[BusSettings], CanBus] = lambda one: CanBus(open_bus(one)),
+        self,
+        options: argparse.Namespace,
+        open_frames: Callable[[BusSettings], CanBus] = lambda one: CanBus(
+            open_bus(one)
+        ),
         clock: Clock | None = None,
     ) -> None:
         self.options = options
@@ -92,7 +99,10 @@ class Context:
     @property
     def files(self) -> list[Path]:
         """Return the parameter files of the machine; later files override earlier files."""
-        return [self._own_file, *([self.overlay.path] if self.overlay.path.exists() else [])]
+        return [
+            self._own_file,
+            *([self.overlay.path] if self.overlay.path.exists() else []),
+        ]
 
     @property
     def controller(self) -> ControllerSettings:
@@ -104,10 +114,14 @@ class Context:
         """Return the axis settings by name, in units of the drives; raises a ParameterError."""
         axes = read_analysis(self.files).axes
         check_axes(axes)
-        return {name: load_profile(axis.profile).applied(axis)
-                for name, axis in zip(AXIS_NAMES, axes, strict=True)}
+        return {
+            name: load_profile(axis.profile).applied(axis)
+            for name, axis in zip(AXIS_NAMES, axes, strict=True)
+        }
 
-    def record(self, step: str, results: Mapping[str, Any], problems: Sequence[str] = ()) -> None:
+    def record(
+        self, step: str, results: Mapping[str, Any], problems: Sequence[str] = ()
+    ) -> None:
         """
         Write results and a completed step into the overlay, and print them.
 
@@ -117,14 +131,16 @@ class Context:
         if problems:
             raise CommissioningError('\n! '.join([f'{step} found problems', *problems]))
         self.overlay.write(step, results, is_done=False)
-        self.written = ', '.join(f'{name}: {value}' for name, value in results.items()) or (
-            f'{step}: done')
+        self.written = ', '.join(
+            f'{name}: {value}' for name, value in results.items()
+        ) or (f'{step}: done')
         effective = read_parameters(self.files, 'driver')
         for name, value in results.items():
             if effective[name] != value:
                 raise ParameterError(
                     f'{name}: {value} has no effect: {self._own_file} overrides it for one '
-                    'namespace; next: remove it there')
+                    'namespace; next: remove it there'
+                )
         self.overlay.write(step, {})
         print(f'{self.overlay.path} gets {self.written}')
 
@@ -133,7 +149,10 @@ class Context:
     def agree(self, action: str) -> None:
         """Print the action and ask once; raises a CommissioningError unless the answer is yes."""
         print(action)
-        self._has_agreed = self._has_agreed or self.ask('Do this? [y/N]', '--yes') in ('y', 'yes')
+        self._has_agreed = self._has_agreed or self.ask('Do this? [y/N]', '--yes') in (
+            'y',
+            'yes',
+        )
         if not self._has_agreed:
             raise CommissioningError('nothing was done: the answer was not yes')
 
@@ -148,8 +167,9 @@ class Context:
 
     def open(self) -> CanBus:
         """Open the bus of the machine; raises a BusError."""
-        return self._open_frames(settings_from(
-            BusSettings, read_parameters(self.files, 'driver'), 'bus'))
+        return self._open_frames(
+            settings_from(BusSettings, read_parameters(self.files, 'driver'), 'bus')
+        )
 
     @contextmanager
     def bus(self) -> Iterator[ToolBus]:
@@ -162,7 +182,9 @@ class Context:
             bus.frames.close()
 
     @contextmanager
-    def drive(self, name: str, eds: Path | None = None) -> Iterator[tuple[ToolBus, SdoChannel]]:
+    def drive(
+        self, name: str, eds: Path | None = None
+    ) -> Iterator[tuple[ToolBus, SdoChannel]]:
         """
         Yield the bus and the objects of the drive of an axis.
 
@@ -175,11 +197,13 @@ class Context:
             if len(answers) > 1:
                 raise DriveError(
                     f'{name} rejected: {len(answers)} drives answer as node {node_id}; next: '
-                    'commission assign')
+                    'commission assign'
+                )
             drive = bus.objects(node_id, name, eds)
             state = decode_state(drive.read_number(STATUSWORD))
             if state is None or state in POWERED_STATES:
                 shown = state.value if state else 'an unknown statusword'
                 raise CommissioningError(
-                    f'{name} rejected: its drive has power ({shown}); next: switch it off')
+                    f'{name} rejected: its drive has power ({shown}); next: switch it off'
+                )
             yield bus, drive

@@ -16,7 +16,10 @@ from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.motion import Motion, powered
 
 HOME_SWITCH = 0x4  # bit in 60FDh
-_APPROACH, _RETREAT = 5e-4, 1e-3  # m/s, m: speed towards the switch, travel back from it
+_APPROACH, _RETREAT = (
+    5e-4,
+    1e-3,
+)  # m/s, m: speed towards the switch, travel back from it
 _WIDE_SPREAD = 2e-4  # m; every tenth SYNC reports the inputs, 0.05 mm apart
 _PUSHED, _PATIENCE = 0.002, 120.0  # m, s
 _LAG_SPEEDS, _LAG_TRAVEL = (0.01, 0.04), 0.02  # m/s, m
@@ -31,19 +34,25 @@ def run_direction(context: Context) -> None:
     """Write the direction of an axis after the operator has pushed its carriage towards +q."""
     name = context.options.axis
     needed = abs(context.axes[name].to_counts(_PUSHED))
-    context.agree(f'{name} stays without power, because its carriage is pushed by hand. '
-                  f'{context.overlay.path} gets its direction.')
+    context.agree(
+        f'{name} stays without power, because its carriage is pushed by hand. '
+        f'{context.overlay.path} gets its direction.'
+    )
     with context.drive(name) as (bus, drive):
         start = drive.read_number(POSITION, signed=True)
 
         def pushed() -> int:
             return drive.read_number(POSITION, signed=True) - start
 
-        print(f'Push the carriage of {name} to the right (towards +q) by a centimetre '
-              f'within {_PATIENCE:g} s.')
+        print(
+            f'Push the carriage of {name} to the right (towards +q) by a centimetre '
+            f'within {_PATIENCE:g} s.'
+        )
         if not bus.wait_for(lambda: abs(pushed()) >= needed, _PATIENCE):
-            raise CommissioningError(f'{name} did not move by {_MM * _PUSHED:g} mm within '
-                                     f'{_PATIENCE:g} s; next: check this carriage and its encoder')
+            raise CommissioningError(
+                f'{name} did not move by {_MM * _PUSHED:g} mm within '
+                f'{_PATIENCE:g} s; next: check this carriage and its encoder'
+            )
         first = pushed()
         bus.wait(Event(), 0.5)
         counts = pushed()
@@ -51,7 +60,8 @@ def run_direction(context: Context) -> None:
     if counts * math.copysign(1, first) < needed:
         raise CommissioningError(
             f'push of {name} rejected: the carriage moved back, from {first:+d} to {counts:+d} '
-            f'counts, minimum {needed}; next: repeat, and leave the carriage where it is')
+            f'counts, minimum {needed}; next: repeat, and leave the carriage where it is'
+        )
     context.record(f'direction {name}', {f'{name}.direction': 1 if counts > 0 else -1})
 
 
@@ -75,10 +85,13 @@ def _move(context: Context, distance: float) -> float:
 def run_lead(context: Context) -> None:
     """Move with the present lead, ask for the real distance, and correct the lead."""
     name, lead = context.options.axis, context.axes[context.options.axis].lead
-    print(f'Mark the place of carriage {name}. The lead is written to {context.overlay.path}.')
+    print(
+        f'Mark the place of carriage {name}. The lead is written to {context.overlay.path}.'
+    )
     went = _MM * _move(context, context.options.travel)
     text = context.options.measured or context.ask(
-        'How many mm by the ruler (to the left: negative)?', '--measured')
+        'How many mm by the ruler (to the left: negative)?', '--measured'
+    )
     try:
         ratio = float(text.replace(',', '.').removesuffix('mm')) / (went or math.nan)
     except ValueError:
@@ -86,36 +99,51 @@ def run_lead(context: Context) -> None:
     if not 0.05 < ratio < 20.0:
         raise CommissioningError(
             f'{text} mm rejected: its ratio to {went:.2f} mm is not between 0.05 and 20; next: '
-            f'measure again, or commission direction {name} if the carriage moved the other way')
+            f'measure again, or commission direction {name} if the carriage moved the other way'
+        )
     print(f'{name}: lead {_MM * lead * ratio:.3f} mm (was {_MM * lead:g} mm)')
     context.record(f'lead {name}', {f'{name}.lead': round(lead * ratio, 6)})
 
 
 def run_home_switch(context: Context) -> None:
     """Approach the switch repeatedly; report the spread, and write the homing method."""
-    name, speed, count = (getattr(context.options, one) for one in ('axis', 'speed', 'approaches'))
+    name, speed, count = (
+        getattr(context.options, one) for one in ('axis', 'speed', 'approaches')
+    )
     axis, side = context.axes[name], 1 if context.options.towards == '+' else -1
-    with powered(context, f'{count} times to the home switch of {name} and back',
-                 context.options.window, speed) as motion:
+    with powered(
+        context,
+        f'{count} times to the home switch of {name} and back',
+        context.options.window,
+        speed,
+    ) as motion:
         if _is_on(motion.turn()[name]):
-            raise CommissioningError(f'switch of {name} rejected: it is on at the start; next: '
-                                     'begin beside it, or invert its input in the drive')
+            raise CommissioningError(
+                f'switch of {name} rejected: it is on at the start; next: '
+                'begin beside it, or invert its input in the drive'
+            )
         edges = []
         _find_edge(motion, name, side * speed, True)
         for _ in range(count):
             _find_edge(motion, name, -side * speed, False, _RETREAT)
             edges.append(_find_edge(motion, name, side * min(speed, _APPROACH), True))
     spread = max(edges) - min(edges)
-    print(f'{name}: edge at {_MM * sum(edges) / count:+.2f} mm from the start, {count} approaches '
-          f'spread over {_MM * spread:.3f} mm')
+    print(
+        f'{name}: edge at {_MM * sum(edges) / count:+.2f} mm from the start, {count} approaches '
+        f'spread over {_MM * spread:.3f} mm'
+    )
     if spread > _WIDE_SPREAD:
-        print(f'! {name}: the spread is above {_MM * _WIDE_SPREAD:g} mm; next: clean, adjust or '
-              'replace the switch')
+        print(
+            f'! {name}: the spread is above {_MM * _WIDE_SPREAD:g} mm; next: clean, adjust or '
+            'replace the switch'
+        )
     known = load_profile(axis.profile).homing_methods
     methods = [one for one in _METHODS[side * axis.direction] if one in known]
     if not methods:
-        raise CommissioningError(f'profile {axis.profile} rejected: it has no homing method for '
-                                 'this switch; next: home by another method')
+        raise CommissioningError(
+            f'profile {axis.profile} rejected: it has no homing method for '
+            'this switch; next: home by another method'
+        )
     context.record(f'home-switch {name}', {f'{name}.homing_method': methods[0]})
 
 
@@ -123,7 +151,9 @@ def _is_on(axis: AxisSnapshot) -> bool:
     return bool((axis.digital_inputs or 0) & HOME_SWITCH)
 
 
-def _find_edge(motion: Motion, name: str, speed: float, is_on: bool, beyond: float = 0.0) -> float:
+def _find_edge(
+    motion: Motion, name: str, speed: float, is_on: bool, beyond: float = 0.0
+) -> float:
     """Move until the switch changes, then a distance further; return its edge [m]."""
     edge = None
     for axes in motion.go(speed):
@@ -135,26 +165,44 @@ def _find_edge(motion: Motion, name: str, speed: float, is_on: bool, beyond: flo
             return edge
     raise CommissioningError(
         f'no change of the home switch within {_MM * motion.window:.0f} mm; next: jog nearer, '
-        'change --towards, or check its cable and 60FDh in the pdos of the profile')
+        'change --towards, or check its cable and 60FDh in the pdos of the profile'
+    )
 
 
 def run_lag(context: Context) -> None:
     """Measure the lag of each carriage behind its target at two speeds; write the mean lag [s]."""
     errors = []
-    with powered(context, f'forth and back by {_MM * _LAG_TRAVEL:g} mm', _LAG_TRAVEL,
-                 max(_LAG_SPEEDS)) as motion:
+    with powered(
+        context,
+        f'forth and back by {_MM * _LAG_TRAVEL:g} mm',
+        _LAG_TRAVEL,
+        max(_LAG_SPEEDS),
+    ) as motion:
         for speed in _LAG_SPEEDS:
             list(motion.go(-speed))
-            track = np.array([[(one.target or 0.0) - (one.position or 0.0)
-                               for one in axes.values()] for axes in motion.go(speed)])
+            track = np.array(
+                [
+                    [
+                        (one.target or 0.0) - (one.position or 0.0)
+                        for one in axes.values()
+                    ]
+                    for axes in motion.go(speed)
+                ]
+            )
             at_speed = slice(len(track) // 4, 3 * len(track) // 4)
             errors.append(track[at_speed].mean(axis=0))
     # friction causes the same error at both speeds
-    lags = (errors[1] - errors[0]) / (_LAG_SPEEDS[1] - _LAG_SPEEDS[0]) - _DELAY * motion.period
+    lags = (errors[1] - errors[0]) / (
+        _LAG_SPEEDS[1] - _LAG_SPEEDS[0]
+    ) - _DELAY * motion.period
     for name, lag in zip(AXIS_NAMES, lags, strict=True):
         print(f'{name}: lag {_MS * lag:.1f} ms')
         difference = abs(lag - np.median(lags))
         if difference > _ALIKE:
-            print(f'! {name}: its lag differs by {_MS * difference:.1f} ms, bound '
-                  f'{_MS * _ALIKE:g} ms; next: check its screw and its tuning')
-    context.record('lag', {'controller.drive_lag': max(0.0, round(float(lags.mean()), 4))})
+            print(
+                f'! {name}: its lag differs by {_MS * difference:.1f} ms, bound '
+                f'{_MS * _ALIKE:g} ms; next: check its screw and its tuning'
+            )
+    context.record(
+        'lag', {'controller.drive_lag': max(0.0, round(float(lags.mean()), 4))}
+    )

@@ -25,8 +25,13 @@ from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning.context import Context
 
 ACCELERATION = 1.0  # m/s²
-_MOST_RATE = 100  # Hz, rate of the cycles: maximum rate of the snapshots of the controller
-_FOLLOWING_ERROR, _FOLLOWING_TIME = 0.003, 0.04  # m, and s of the speed: a blocked carriage stops
+_MOST_RATE = (
+    100  # Hz, rate of the cycles: maximum rate of the snapshots of the controller
+)
+_FOLLOWING_ERROR, _FOLLOWING_TIME = (
+    0.003,
+    0.04,
+)  # m, and s of the speed: a blocked carriage stops
 _MISSED_CYCLES = 10  # this process has no real-time priority: ignore delays of 0.1 s
 _MM = 1e3
 
@@ -61,28 +66,45 @@ class _Ramp:
     def sample(self, reach_time: float) -> Triple:
         """Return the positions one cycle later [m]."""
         slack, direction = ACCELERATION * self._period, math.copysign(1.0, self.goal)
-        room = self._window - direction * self.displacement - abs(self.speed) * self._period
+        room = (
+            self._window
+            - direction * self.displacement
+            - abs(self.speed) * self._period
+        )
         fastest = math.sqrt(2.0 * ACCELERATION * max(0.0, room))
         change = direction * min(abs(self.goal), fastest) - self.speed
         self.speed += min(max(change, -slack), slack)
         target = self.displacement + self.speed * self._period
         self.displacement = min(max(target, -self._window), self._window)
-        q1, q2, q3 = (start + is_moved * self.displacement
-                      for start, is_moved in zip(self._start, self._moved, strict=True))
+        q1, q2, q3 = (
+            start + is_moved * self.displacement
+            for start, is_moved in zip(self._start, self._moved, strict=True)
+        )
         return q1, q2, q3
 
 
 class Motion:
     """Carriages under power; each `turn` is a cycle of the driver's controller."""
 
-    def __init__(self, context: Context, moved: list[str], window: float, speed: float) -> None:
-        settings = replace(context.controller, max_missed_cycles=_MISSED_CYCLES,
-                           rate=min(context.controller.rate, _MOST_RATE))
+    def __init__(
+        self, context: Context, moved: list[str], window: float, speed: float
+    ) -> None:
+        settings = replace(
+            context.controller,
+            max_missed_cycles=_MISSED_CYCLES,
+            rate=min(context.controller.rate, _MOST_RATE),
+        )
         self.period, self.window = settings.period, window
-        self.targets = _Ramp(tuple(name in moved for name in AXIS_NAMES), window, self.period)
+        self.targets = _Ramp(
+            tuple(name in moved for name in AXIS_NAMES), window, self.period
+        )
         self.controller = DriveController(
-            settings, tuple(_narrowed(axis, window, speed) for axis in context.axes.values()),
-            context.open, MechanismChecks(self.targets), context.clock)
+            settings,
+            tuple(_narrowed(axis, window, speed) for axis in context.axes.values()),
+            context.open,
+            MechanismChecks(self.targets),
+            context.clock,
+        )
         self.is_stopping = False  #: whether a stop is part of the test
 
     def request(self, *names: str) -> str:
@@ -92,10 +114,13 @@ class Motion:
             while not reply.done():
                 self.controller.turn()
             error = reply.exception()
-            message = str(error or reply.result()).partition('; next: ')[0]  # for a driver
+            message = str(error or reply.result()).partition('; next: ')[
+                0
+            ]  # for a driver
             if error:
                 raise CommissioningError(
-                    f'{message}; next: remove the cause, and repeat') from error
+                    f'{message}; next: remove the cause, and repeat'
+                ) from error
         return message
 
     def turn(self) -> dict[str, AxisSnapshot]:
@@ -104,8 +129,10 @@ class Motion:
         snapshot = self.controller.snapshot()
         if snapshot.causes and not self.is_stopping:
             cause = snapshot.causes[0]
-            raise CommissioningError(f'{cause.message}; the carriages are stopped; next: '
-                                     f'{cause.remedy or "commission scan"}')
+            raise CommissioningError(
+                f'{cause.message}; the carriages are stopped; next: '
+                f'{cause.remedy or "commission scan"}'
+            )
         return {axis.name: axis for axis in snapshot.axes}
 
     def go(self, speed: float) -> Iterator[dict[str, AxisSnapshot]]:
@@ -126,17 +153,29 @@ def _narrowed(axis: AxisSettings, window: float, speed: float) -> AxisSettings:
     """Return an axis limited to a window [m] around its position and to a speed [m/s]."""
     methods = METHODS_AT_PRESENT_POSITION & {*load_profile(axis.profile).homing_methods}
     if not methods:
-        raise CommissioningError(f'profile {axis.profile} rejected: it cannot home in place; '
-                                 'next: add 37 or 35 to its homing_methods')
+        raise CommissioningError(
+            f'profile {axis.profile} rejected: it cannot home in place; '
+            'next: add 37 or 35 to its homing_methods'
+        )
     return replace(
-        axis, homing_method=max(methods), home_position=0.0, lower_limit=-window,
-        upper_limit=window, homing_strokes=100.0, max_speed=2.0 * speed,
-        max_acceleration=max(axis.max_acceleration, ACCELERATION), following_error_window=min(
-            axis.following_error_window, _FOLLOWING_ERROR + _FOLLOWING_TIME * speed))
+        axis,
+        homing_method=max(methods),
+        home_position=0.0,
+        lower_limit=-window,
+        upper_limit=window,
+        homing_strokes=100.0,
+        max_speed=2.0 * speed,
+        max_acceleration=max(axis.max_acceleration, ACCELERATION),
+        following_error_window=min(
+            axis.following_error_window, _FOLLOWING_ERROR + _FOLLOWING_TIME * speed
+        ),
+    )
 
 
 @contextmanager
-def powered(context: Context, action: str, window: float, speed: float) -> Iterator[Motion]:
+def powered(
+    context: Context, action: str, window: float, speed: float
+) -> Iterator[Motion]:
     """
     Ask the operator, then yield the carriages under power; all three move alike, or only one.
 
@@ -144,13 +183,16 @@ def powered(context: Context, action: str, window: float, speed: float) -> Itera
     """
     for name in AXIS_NAMES:
         if f'direction {name}' not in context.overlay.steps():
-            raise CommissioningError(f'motion rejected: the direction of {name} is unknown; '
-                                     f'next: commission direction {name}')
+            raise CommissioningError(
+                f'motion rejected: the direction of {name} is unknown; '
+                f'next: commission direction {name}'
+            )
     moved = [context.options.axis] if context.options.alone else [*AXIS_NAMES]
     context.agree(
         f'The three drives are reset and powered, and {", ".join(moved)} moved {action}, at most '
         f'{_MM * speed:g} mm/s and {_MM * window:.0f} mm from their present positions. Keep '
-        'clear, with the emergency stop in your hand.')
+        'clear, with the emergency stop in your hand.'
+    )
     motion = Motion(context, moved, window, speed)
     # a closed terminal stops the carriages like Ctrl-C
     for number in (signal.SIGHUP, signal.SIGTERM):

@@ -18,7 +18,12 @@ from facade_manipulator.drives import configuration
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.profile import fitting_profile
 from facade_manipulator.errors import CommissioningError
-from facade_manipulator.tools.commissioning.bus import BOOT_TIMEOUT, lss_master, NODE_IDS, ToolBus
+from facade_manipulator.tools.commissioning.bus import (
+    BOOT_TIMEOUT,
+    lss_master,
+    NODE_IDS,
+    ToolBus,
+)
 from facade_manipulator.tools.commissioning.context import Context
 
 DEVICE_TYPE = 0x1000
@@ -27,7 +32,9 @@ _BOOTING = 0.5  # s
 
 
 # the numbers by which LSS selects a drive (1018h)
-Identity = namedtuple('Identity', 'vendor_id product_code revision_number serial_number')
+Identity = namedtuple(
+    'Identity', 'vendor_id product_code revision_number serial_number'
+)
 
 
 def run_scan(context: Context) -> None:
@@ -43,19 +50,33 @@ def run_scan(context: Context) -> None:
         for node_id, found in sorted(serials.items()):
             shown = ', '.join(map(str, sorted(found)))
             if len(found) > 1:
-                problems.append(f'{len(found)} drives have node id {node_id} (serial numbers '
-                                f'{shown}); next: commission assign')
+                problems.append(
+                    f'{len(found)} drives have node id {node_id} (serial numbers '
+                    f'{shown}); next: commission assign'
+                )
                 print(f'{node_id:<4}  {shown}')
                 continue
             vendor, product = (bus.number(node_id, 0x1018, part) for part in (1, 2))
-            kind = fitting_profile(vendor, product) if _is_drive(bus, node_id) else 'not a drive'
+            kind = (
+                fitting_profile(vendor, product)
+                if _is_drive(bus, node_id)
+                else 'not a drive'
+            )
             print(f'{node_id:<4}  {shown:13} {vendor!s:>10} {product!s:>10}  {kind}')
     if has_new:
         problems.append('a drive has no node id; next: commission assign')
-    remedy = 'commission assign' if problems else (
-        'check power, plug, termination (60 ohms between CAN high and low) and bit rate')
-    problems += [f'{name} (node {axis.node_id}) does not answer; next: {remedy}'
-                 for name, axis in context.axes.items() if axis.node_id not in serials]
+    remedy = (
+        'commission assign'
+        if problems
+        else (
+            'check power, plug, termination (60 ohms between CAN high and low) and bit rate'
+        )
+    )
+    problems += [
+        f'{name} (node {axis.node_id}) does not answer; next: {remedy}'
+        for name, axis in context.axes.items()
+        if axis.node_id not in serials
+    ]
     context.record('scan', {}, problems)
 
 
@@ -64,7 +85,9 @@ def _is_drive(bus: ToolBus, node_id: int) -> bool:
     return (bus.number(node_id, DEVICE_TYPE) or 0) & 0xFFFF == configuration.DEVICE_TYPE
 
 
-def _fast_scan(master: LssMaster, is_known: Callable[[Identity], bool]) -> Identity | None:
+def _fast_scan(
+    master: LssMaster, is_known: Callable[[Identity], bool]
+) -> Identity | None:
     """
     Return an unknown node that answers fastscan, None if no such node answers.
 
@@ -73,8 +96,11 @@ def _fast_scan(master: LssMaster, is_known: Callable[[Identity], bool]) -> Ident
     passed: set[Identity | None] = set()
     one = None
     master.send_switch_state_global(LssMaster.WAITING_STATE)
-    while (result := master.fast_scan())[0] and is_known(one := Identity(*result[1])) and (
-            one not in passed):
+    while (
+        (result := master.fast_scan())[0]
+        and is_known(one := Identity(*result[1]))
+        and (one not in passed)
+    ):
         passed.add(one)
     master.send_switch_state_global(LssMaster.WAITING_STATE)
     return None if one in passed else one
@@ -85,15 +111,21 @@ def run_assign(context: Context) -> None:
     node_ids = {name: axis.node_id for name, axis in context.axes.items()}
     serials = context.options.serials or []
     if len({*serials}) < len(serials):
-        raise CommissioningError(f'--serials {" ".join(map(str, serials))} rejected: two are '
-                                 'equal; next: give the serial number of each drive')
+        raise CommissioningError(
+            f'--serials {" ".join(map(str, serials))} rejected: two are '
+            'equal; next: give the serial number of each drive'
+        )
     shown = ', '.join(f'{name}: {node_id}' for name, node_id in node_ids.items())
-    context.agree('All drives on this bus that support LSS lose their node id; each stores that '
-                  f'of its carriage ({shown}). {context.overlay.path} gets serial numbers and '
-                  'profile. No carriage moves.')
+    context.agree(
+        'All drives on this bus that support LSS lose their node id; each stores that '
+        f'of its carriage ({shown}). {context.overlay.path} gets serial numbers and '
+        'profile. No carriage moves.'
+    )
     given: dict[str, Identity] = {}
     seen: set[Identity] = set()
-    context.state = 'Drives without a stored node id use the old id after power off and on'
+    context.state = (
+        'Drives without a stored node id use the old id after power off and on'
+    )
     with context.bus() as bus:
         master = lss_master(bus, context.options.lss_timeout)
         _configure(bus, master, UNCONFIGURED)
@@ -104,23 +136,37 @@ def run_assign(context: Context) -> None:
             name = _axis_of(context, found) if _is_drive(bus, spare) else ''
             if name in given:
                 raise CommissioningError(
-                    f'{name} rejected: it has a drive already; next: answer with another carriage')
+                    f'{name} rejected: it has a drive already; next: answer with another carriage'
+                )
             if name:
                 _configure(bus, master, node_ids[name], found, is_stored=True)
                 bus.reset(node_ids[name])
                 given[name] = found
-                context.state += (f'. {name} has stored node id {node_ids[name]} (serial number '
-                                  f'{found.serial_number})')
+                context.state += (
+                    f'. {name} has stored node id {node_ids[name]} (serial number '
+                    f'{found.serial_number})'
+                )
     if missing := node_ids.keys() - given.keys():
         raise CommissioningError(
             f'no drive was found by fastscan for {", ".join(sorted(missing))}; next: check '
-            'its plug, assign --lss-timeout 0.5, or use its switches or the tool of its maker')
+            'its plug, assign --lss-timeout 0.5, or use its switches or the tool of its maker'
+        )
     profile, *others = {fitting_profile(*one[:2]) for one in given.values()}
     if others:
-        raise CommissioningError(f'drives rejected: they are of the types {profile} and '
-                                 f'{" and ".join(others)}; next: use three of one type')
-    context.record('assign', {'axes.profile': profile, **{
-        f'{name}.serial_number': given[name].serial_number for name in AXIS_NAMES}})
+        raise CommissioningError(
+            f'drives rejected: they are of the types {profile} and '
+            f'{" and ".join(others)}; next: use three of one type'
+        )
+    context.record(
+        'assign',
+        {
+            'axes.profile': profile,
+            **{
+                f'{name}.serial_number': given[name].serial_number
+                for name in AXIS_NAMES
+            },
+        },
+    )
 
 
 def _axis_of(context: Context, found: Identity) -> str:
@@ -129,14 +175,19 @@ def _axis_of(context: Context, found: Identity) -> str:
         return dict(zip(serials, AXIS_NAMES, strict=True)).get(found.serial_number, '')
     answer = context.ask(
         f'Drive with serial number {found.serial_number} (product {found.product_code:X}h): which '
-        f'carriage does it move? [{"/".join(AXIS_NAMES)}, or nothing]', '--serials')
+        f'carriage does it move? [{"/".join(AXIS_NAMES)}, or nothing]',
+        '--serials',
+    )
     if answer and answer not in AXIS_NAMES:
         raise CommissioningError(f'{answer} rejected: choose {", ".join(AXIS_NAMES)}')
     return answer
 
 
 def _configure(
-    bus: ToolBus, master: LssMaster, node_id: int, selected: Identity | None = None,
+    bus: ToolBus,
+    master: LssMaster,
+    node_id: int,
+    selected: Identity | None = None,
     is_stored: bool = False,
 ) -> None:
     """
@@ -147,7 +198,8 @@ def _configure(
     """
     try:
         master.send_switch_state_global(
-            LssMaster.WAITING_STATE if selected else LssMaster.CONFIGURATION_STATE)
+            LssMaster.WAITING_STATE if selected else LssMaster.CONFIGURATION_STATE
+        )
         if selected:
             master.send_switch_state_selective(*selected)
         master.configure_node_id(node_id)
@@ -156,8 +208,11 @@ def _configure(
     except LssError as error:
         raise CommissioningError(
             f'no drive has confirmed a node id by LSS ({error}); next: switch power off and on, '
-            'repeat, or set node ids by switches or in the tool of their maker') from error
+            'repeat, or set node ids by switches or in the tool of their maker'
+        ) from error
     master.send_switch_state_global(LssMaster.WAITING_STATE)
     bus.frames.command('RESET COMMUNICATION', 0)
-    bus.wait_for(lambda: selected and bus.number(node_id, DEVICE_TYPE) is not None,
-                 BOOT_TIMEOUT if selected else _BOOTING)
+    bus.wait_for(
+        lambda: selected and bus.number(node_id, DEVICE_TYPE) is not None,
+        BOOT_TIMEOUT if selected else _BOOTING,
+    )

@@ -32,19 +32,34 @@ from facade_manipulator.tools.commissioning.context import Context
 TYPE = ((0x1018, 1), (0x1018, 2))
 IDENTITY = (*TYPE, (0x1018, 3), (0x1018, 4))
 _CYCLIC_POSITION = 1 << 7  # in 6502h
-_COMMANDS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6060, 0x607A, 0x60FF, 0x6071}  # not settings
-_COMMUNICATION = range(0x1000, 0x2000)  # communication; `configure` writes these objects
+_COMMANDS = {
+    0x1003,
+    0x1010,
+    0x1011,
+    0x6040,
+    0x6060,
+    0x607A,
+    0x60FF,
+    0x6071,
+}  # not settings
+_COMMUNICATION = range(
+    0x1000, 0x2000
+)  # communication; `configure` writes these objects
 _STORING_TIME = 5.0  # s
 _ALL_BITS = -1  # mask of an object of any size
-_NOT_STORED = '{} may have new values, which are not stored; next: switch its power off and on'
+_NOT_STORED = (
+    '{} may have new values, which are not stored; next: switch its power off and on'
+)
 Key = tuple[int, int]
 Objects = dict[Key, ODVariable]
 
 
 def run_profile(context: Context) -> None:
     """Compare the drives with their profiles; fail if a drive differs."""
-    context.agree('The objects of the profiles are written to the drives, read back, and undone '
-                  'by a reset. Nothing is stored, nothing moves.')
+    context.agree(
+        'The objects of the profiles are written to the drives, read back, and undone '
+        'by a reset. Nothing is stored, nothing moves.'
+    )
     problems = []
     for name in [context.options.axis] if context.options.axis else AXIS_NAMES:
         axis = context.axes[name]
@@ -52,8 +67,10 @@ def run_profile(context: Context) -> None:
         writes = configuration.drive_writes(profile, axis, context.controller)
         with context.drive(name, profile.eds) as (bus, drive):
             changes, _ = configuration.check(drive, writes)
-            print(f'{name}: configure will change {len(changes)} objects: '
-                  + (', '.join(changes) or 'none'))
+            print(
+                f'{name}: configure will change {len(changes)} objects: '
+                + (', '.join(changes) or 'none')
+            )
             context.state = _NOT_STORED.format(name)
             found = [f'{name}: {one}' for one in differences(drive, axis, writes)]
             bus.reset(axis.node_id)
@@ -65,11 +82,18 @@ def run_profile(context: Context) -> None:
         raise CommissioningError('\n! '.join(['profile rejected:', *problems]))
 
 
-def differences(drive: SdoChannel, axis: AxisSettings, writes: list[Write]) -> Iterator[str]:
+def differences(
+    drive: SdoChannel, axis: AxisSettings, writes: list[Write]
+) -> Iterator[str]:
     """Yield every difference of a drive from its profile; raises a DriveTimeoutError."""
-    profile, read = load_profile(axis.profile), partial(configuration.read_optional, drive)
-    for check in (lambda: configuration.check_identity(drive, axis, {}),
-                  lambda: configuration.apply(drive, writes)):
+    profile, read = (
+        load_profile(axis.profile),
+        partial(configuration.read_optional, drive),
+    )
+    for check in (
+        lambda: configuration.check_identity(drive, axis, {}),
+        lambda: configuration.apply(drive, writes),
+    ):
         try:
             check()
         except DriveObjectError as error:
@@ -107,11 +131,16 @@ def read_values(drive: SdoChannel, objects: Objects) -> dict[Key, Any]:
     for key, variable in objects.items():
         is_setting = variable.readable and variable.writable and key[0] not in _COMMANDS
         if key in IDENTITY or is_setting:
-            with suppress(SdoAbortError, ObjectDictionaryError):  # absent, or of another type
+            with suppress(
+                SdoAbortError, ObjectDictionaryError
+            ):  # absent, or of another type
                 data = drive.read(*key)
                 is_signed = variable.data_type in datatypes.SIGNED_TYPES
-                values[key] = int.from_bytes(data, 'little', signed=is_signed) if (
-                    variable.data_type in datatypes.INTEGER_TYPES) else variable.decode_raw(data)
+                values[key] = (
+                    int.from_bytes(data, 'little', signed=is_signed)
+                    if (variable.data_type in datatypes.INTEGER_TYPES)
+                    else variable.decode_raw(data)
+                )
     return values
 
 
@@ -122,32 +151,46 @@ def run_restore(context: Context) -> None:
     objects = variables(read_dictionary(path))
     with context.drive(name) as (bus, drive):
         present = read_values(drive, objects)
-        if any(objects[key].value != present.get(key) for key in TYPE if key in objects):
-            raise CommissioningError(f'{path} rejected: it is not a DCF of such a drive (1018h); '
-                                     'next: give a file of commission backup')
+        if any(
+            objects[key].value != present.get(key) for key in TYPE if key in objects
+        ):
+            raise CommissioningError(
+                f'{path} rejected: it is not a DCF of such a drive (1018h); '
+                'next: give a file of commission backup'
+            )
         writes = [
-            _write(key, objects[key]) for key, value in present.items()
-            if key[0] not in _COMMUNICATION and key not in of_place
-            and objects[key].value not in (None, value)]
+            _write(key, objects[key])
+            for key, value in present.items()
+            if key[0] not in _COMMUNICATION
+            and key not in of_place
+            and objects[key].value not in (None, value)
+        ]
         if not writes:
             print(f'{name} agrees with {path}: nothing is written.')
             return
         print(f'object    {path.name:>14} {f"{name} now":>14}  name')
         for write in writes:
             variable = objects[write[:2]]
-            print(f'{write} {variable.value!s:>14} {present[write[:2]]!s:>14}  {variable.name}')
-        context.agree(f'{name} gets the values of {path}, stores them (1010h) and is reset. '
-                      'No carriage moves.')
+            print(
+                f'{write} {variable.value!s:>14} {present[write[:2]]!s:>14}  {variable.name}'
+            )
+        context.agree(
+            f'{name} gets the values of {path}, stores them (1010h) and is reset. '
+            'No carriage moves.'
+        )
         context.state = _NOT_STORED.format(name)
         configuration.apply(drive, writes)
-        context.state = (f'The values stored in {name} are unknown; next: switch its power off '
-                         f'and on, then commission restore {name} {path}')
+        context.state = (
+            f'The values stored in {name} are unknown; next: switch its power off '
+            f'and on, then commission restore {name} {path}'
+        )
         drive.RESPONSE_TIMEOUT = _STORING_TIME
         drive.write(0x1010, 1, b'save')
         bus.reset(drive.node_id)
         if lost := configuration.check(drive, writes)[0]:
-            raise CommissioningError(f'{name} has not stored these values: '
-                                     + '; '.join(lost.values()))
+            raise CommissioningError(
+                f'{name} has not stored these values: ' + '; '.join(lost.values())
+            )
     print(f'{name}: {len(writes)} objects written, stored, and the same after a reset.')
 
 

@@ -20,9 +20,11 @@ from facade_manipulator.tools.commissioning.motion import ACCELERATION, Motion, 
 from facade_manipulator.tools.stopping import COASTING, SCATTER
 
 QUICK_STOP, SILENT_MASTER, POWER_OFF = 'quick stop', 'silent master', 'power off'
-REMEDIES = {QUICK_STOP: 'check 6085h, 605Ah, load and supply voltage',
-            SILENT_MASTER: 'check 1016h and 6007h',
-            POWER_OFF: 'give the deceleration below to stopping'}
+REMEDIES = {
+    QUICK_STOP: 'check 6085h, 605Ah, load and supply voltage',
+    SILENT_MASTER: 'check 1016h and 6007h',
+    POWER_OFF: 'give the deceleration below to stopping',
+}
 SILENCE = 1.0  # s without frames of the master, after which every drive must be at rest
 _STEADY = 5  # cycles at the speed before the stop
 _CYCLES = 3  # cycles from a command to the SYNC after its first effective SYNC
@@ -40,7 +42,9 @@ def run_stop_test(context: Context) -> None:
     window = speed * (speed / ACCELERATION + speed / COASTING + 0.1)
     problems = []
     for direction, way in zip((1, -1, 1), REMEDIES, strict=True):
-        with powered(context, f'forth and back and stopped by {way}', window, speed) as motion:
+        with powered(
+            context, f'forth and back and stopped by {way}', window, speed
+        ) as motion:
             track, does_follow = _stopped(motion, direction * speed, way)
             bounds = _bounds(motion, track, way)
         distances = np.abs(track[-1] - track[_STEADY - 1])
@@ -48,9 +52,15 @@ def run_stop_test(context: Context) -> None:
             distance, bound, follows = one
             print(f'{name}: {way}, {_MM * distance:.1f} of {_MM * bound:.1f} mm')
             if distance > bound or (follows and way == SILENT_MASTER):
-                problems.append(f'{name}: {way} does not stop it in time; next: {REMEDIES[way]}')
-    coasting = deceleration(track[_STEADY:], motion.period).min()  # the last stop is without power
-    print(f'next: stopping {" ".join(map(str, context.files))} --coasting {coasting:.2f}')
+                problems.append(
+                    f'{name}: {way} does not stop it in time; next: {REMEDIES[way]}'
+                )
+    coasting = deceleration(
+        track[_STEADY:], motion.period
+    ).min()  # the last stop is without power
+    print(
+        f'next: stopping {" ".join(map(str, context.files))} --coasting {coasting:.2f}'
+    )
     context.record('stop-test', {}, problems)
 
 
@@ -68,15 +78,19 @@ def _stopped(motion: Motion, speed: float, way: str) -> tuple[np.ndarray, list[b
     stopped = _stop(motion, way)
     track.append(_positions(stopped))
     end = motion.controller.clock.monotonic() + _LONGEST
-    while (len(track) <= _STEADY + _STANDING
-           or np.abs(track[-1] - track[-_STANDING]).max() > _STANDSTILL):
+    while (
+        len(track) <= _STEADY + _STANDING
+        or np.abs(track[-1] - track[-_STANDING]).max() > _STANDSTILL
+    ):
         if motion.controller.clock.monotonic() > end:
             raise CommissioningError(
                 f'{way}: a carriage still moves after {_LONGEST:g} s; '
-                'next: use the emergency stop')
+                'next: use the emergency stop'
+            )
         track.append(_positions(motion.turn()))
     return np.array(track), [
-        axis.state is State.OPERATION_ENABLED for axis in stopped.values()]
+        axis.state is State.OPERATION_ENABLED for axis in stopped.values()
+    ]
 
 
 def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
@@ -88,9 +102,13 @@ def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
         motion.controller.stop('stop test')
     elif way == POWER_OFF:
         off = AxisCommand(Controlword.DISABLE_VOLTAGE, Mode.CYCLIC_SYNCHRONOUS_POSITION)
-        for monitor, counts in zip(controller.monitors, controller.targets.counts, strict=True):
+        for monitor, counts in zip(
+            controller.monitors, controller.targets.counts, strict=True
+        ):
             for cob_id, data in monitor.encode(off, counts):
-                exchange.bus.send(cob_id, data)  # the last command before the SYNC counts
+                exchange.bus.send(
+                    cob_id, data
+                )  # the last command before the SYNC counts
     else:
         exchange.bus.stop_sync()  # as the kernel does when the process ends
         controller.clock.wait(Event(), SILENCE)
@@ -109,13 +127,17 @@ def _bounds(motion: Motion, track: np.ndarray, way: str) -> np.ndarray:
     speeds = np.abs(track[_STEADY - 1] - track[0]) / ((_STEADY - 1) * motion.period)
     silence = _HEARTBEATS * settings.heartbeat_timeout if way == SILENT_MASTER else 0.0
     delay = settings.drive_lag + _CYCLES * motion.period + silence
-    assumed = np.array([(1.0 - SCATTER) * COASTING if way == POWER_OFF else axis.stop_deceleration
-                        for axis in controller.axes])
+    assumed = np.array(
+        [
+            (1.0 - SCATTER) * COASTING if way == POWER_OFF else axis.stop_deceleration
+            for axis in controller.axes
+        ]
+    )
     return speeds * (delay + 0.5 * speeds / assumed) + _SLACK
 
 
 def deceleration(positions: np.ndarray, period: float) -> np.ndarray:
     """Return mean decelerations [m/s²] after a stop has begun, from positions (n, axes) [m]."""
-    before, begin, after = positions[_CYCLES - 1:_CYCLES + 2]
+    before, begin, after = positions[_CYCLES - 1 : _CYCLES + 2]
     speeds = (after - before) / (2.0 * period)
     return 0.5 * speeds**2 / np.maximum(np.abs(positions[-1] - begin), _SLACK)

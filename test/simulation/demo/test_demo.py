@@ -27,10 +27,16 @@ def folder(tmp_path):
 @pytest.fixture
 def start(start_process, folder):
     """Return a function that starts a demo and waits for words in its output."""
+
     def begin(words, duration):
-        process = start_process(DEMO, '--duration', str(duration), '--output', str(folder))
-        wait_until(lambda: words in process.log.read_text() or process.poll() is not None,
-                   f'"{words}"', RUN_DEADLINE)
+        process = start_process(
+            DEMO, '--duration', str(duration), '--output', str(folder)
+        )
+        wait_until(
+            lambda: words in process.log.read_text() or process.poll() is not None,
+            f'"{words}"',
+            RUN_DEADLINE,
+        )
         assert words in (text := process.log.read_text()), text
         return process
 
@@ -53,10 +59,14 @@ def test_run_attenuates_and_writes_its_report(start, folder):
 
     def run():
         process = start('starting', 10.0)
-        wait_until(lambda: process.poll() is not None, 'the end of the demo', RUN_DEADLINE)
+        wait_until(
+            lambda: process.poll() is not None, 'the end of the demo', RUN_DEADLINE
+        )
         summary = json.loads((folder / 'summary.json').read_text())
         is_late = summary['late_cycles'] > MAX_LATE_SHARE * summary['bus_cycles']
-        if is_late and process.returncode == 1:  # a busy computer delays the simulated world
+        if (
+            is_late and process.returncode == 1
+        ):  # a busy computer delays the simulated world
             text = end(process, 1)
             warnings.warn(re.search(TOO_LOW, text)[0], stacklevel=1)
             return text, summary
@@ -66,15 +76,28 @@ def test_run_attenuates_and_writes_its_report(start, folder):
     text, summary = patiently(run)
     assert summary['drive_faults'] == summary['rejected_goals'] == 0
     assert {path.name for path in folder.iterdir()} == {
-        'notes.txt', 'scenario.yaml', 'summary.json', 'errors.png', 'linkage.gif', 'driver.log',
-        'gondola_simulator.log', 'manipulator.log'}  # there is no wall to touch
+        'notes.txt',
+        'scenario.yaml',
+        'summary.json',
+        'errors.png',
+        'linkage.gif',
+        'driver.log',
+        'gondola_simulator.log',
+        'manipulator.log',
+    }  # there is no wall to touch
     assert (folder / 'linkage.gif').stat().st_size < 2_000_000
     assert 'have confirmed that their power is off' in text
 
 
-@pytest.mark.parametrize(('moment', 'number', 'status', 'deadline'), [
-    ('starting', signal.SIGINT, 130, PROMPT), ('driver: home', signal.SIGINT, 130, DEADLINE),
-    (' 0.0 s ', signal.SIGTERM, 130, DEADLINE), (' 0.0 s ', signal.SIGKILL, -9, DEADLINE)])
+@pytest.mark.parametrize(
+    ('moment', 'number', 'status', 'deadline'),
+    [
+        ('starting', signal.SIGINT, 130, PROMPT),
+        ('driver: home', signal.SIGINT, 130, DEADLINE),
+        (' 0.0 s ', signal.SIGTERM, 130, DEADLINE),
+        (' 0.0 s ', signal.SIGKILL, -9, DEADLINE),
+    ],
+)
 def test_signal_ends_the_demo_and_its_nodes(start, moment, number, status, deadline):
     def interrupt():
         process = start(moment)
@@ -85,7 +108,9 @@ def test_signal_ends_the_demo_and_its_nodes(start, moment, number, status, deadl
 
     # Python loses a signal in some moments of an import; the demo then kills the node after 5 s
     nodes = patiently(interrupt)
-    wait_until(lambda: not any(Path(f'/proc/{pid}').exists() for pid in nodes), 'no node')
+    wait_until(
+        lambda: not any(Path(f'/proc/{pid}').exists() for pid in nodes), 'no node'
+    )
 
 
 def test_ctrl_c_while_drawing_leaves_only_complete_files(start, folder):
@@ -98,22 +123,41 @@ def test_ctrl_c_while_drawing_leaves_only_complete_files(start, folder):
 
 def test_drives_that_stop_end_the_demo_with_the_reason(start):
     process = start(' 0.0 s ')
-    driver = next(pid for pid in children(process.pid)
-                  if b'nodes.driver' in Path(f'/proc/{pid}/cmdline').read_bytes())
-    loop, = children(driver)
+    driver = next(
+        pid
+        for pid in children(process.pid)
+        if b'nodes.driver' in Path(f'/proc/{pid}/cmdline').read_bytes()
+    )
+    (loop,) = children(driver)
     os.kill(loop, signal.SIGSTOP)
     time.sleep(FREEZE)
     os.kill(loop, signal.SIGCONT)
     assert re.search('demo: driver: stopped: ', end(process, 1, RUN_DEADLINE))
 
 
-@pytest.mark.parametrize(('arguments', 'status', 'message'), [
-    (('--duration', '0'), 2, 'argument --duration: 0 is not a finite number above 0'),
-    (('--output', '/proc/nowhere'), 1, "No such file or directory: '/proc/nowhere'"),
-    (('--viewer',), 1, 'this computer has no display .*; next: run it without the viewer'),
-])
+@pytest.mark.parametrize(
+    ('arguments', 'status', 'message'),
+    [
+        (
+            ('--duration', '0'),
+            2,
+            'argument --duration: 0 is not a finite number above 0',
+        ),
+        (
+            ('--output', '/proc/nowhere'),
+            1,
+            "No such file or directory: '/proc/nowhere'",
+        ),
+        (
+            ('--viewer',),
+            1,
+            'this computer has no display .*; next: run it without the viewer',
+        ),
+    ],
+)
 def test_bad_arguments_are_rejected_in_a_line(
-        start_process, monkeypatch, arguments, status, message):
+    start_process, monkeypatch, arguments, status, message
+):
     for variable in ('DISPLAY', 'WAYLAND_DISPLAY'):
         monkeypatch.delenv(variable, raising=False)
     assert re.search(message, end(start_process(DEMO, *arguments), status))

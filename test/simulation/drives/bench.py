@@ -27,9 +27,18 @@ WAY_UP = {
     State.SWITCHED_ON: Controlword.ENABLE_OPERATION,
 }
 AXIS = AxisSettings(
-    node_id=NODE, profile='simulated', lower_limit=-0.5, upper_limit=0.5, limit_margin=0.0,
-    max_speed=0.6, max_acceleration=6.0, stop_deceleration=5.0, following_error_window=0.02,
-    homing_speed=0.1, homing_acceleration=1.0)
+    node_id=NODE,
+    profile='simulated',
+    lower_limit=-0.5,
+    upper_limit=0.5,
+    limit_margin=0.0,
+    max_speed=0.6,
+    max_acceleration=6.0,
+    stop_deceleration=5.0,
+    following_error_window=0.02,
+    homing_speed=0.1,
+    homing_acceleration=1.0,
+)
 
 
 class Bench:
@@ -38,8 +47,12 @@ class Bench:
     def __init__(self, profile='simulated', start=0.0, **settings):
         self.profile = load_profile(profile) if isinstance(profile, str) else profile
         self.drive = SimulatedDrive(
-            AxisSettings(node_id=NODE, home_position=start, lower_limit=-0.56, upper_limit=0.56),
-            SimulationSettings(**settings), self.profile)
+            AxisSettings(
+                node_id=NODE, home_position=start, lower_limit=-0.56, upper_limit=0.56
+            ),
+            SimulationSettings(**settings),
+            self.profile,
+        )
         self.drive.set_identity(1, 2, 3, 4)
         self.now = 0.0
         self.sent = []
@@ -68,7 +81,7 @@ class Bench:
         return self.send(0, [command, NODE])
 
     def sdo(self, data):
-        (_, answer), = self.send(0x600 + NODE, data)
+        ((_, answer),) = self.send(0x600 + NODE, data)
         return answer
 
     def write(self, index, subindex, value, size=None):
@@ -85,11 +98,14 @@ class Bench:
             return None
         size = 4 - (answer[0] >> 2 & 3)
         variable = self.drive.objects.variables[index, subindex]
-        return variable.decode_raw(bytes(answer[4:4 + size]))
+        return variable.decode_raw(bytes(answer[4 : 4 + size]))
 
     def emergencies(self):
-        return [Emergency(*struct.unpack('<HB5s', data))
-                for cob_id, data in self.sent if cob_id == 0x80 + NODE]
+        return [
+            Emergency(*struct.unpack('<HB5s', data))
+            for cob_id, data in self.sent
+            if cob_id == 0x80 + NODE
+        ]
 
     # --- the life of a drive
 
@@ -103,10 +119,13 @@ class Bench:
         controller = ControllerSettings(rate=round(1.0 / PERIOD))
         for write in drive_writes(self.profile, self.profile.applied(AXIS), controller):
             assert self.write(*write[:4]) is None, write
-        values = {self.profile.location('home_position'): home_position,
-                  (0x6084, 0): round(2.0 * CPM)}  # slower than the quick stop of 6085h
-        for place, value in (values | {(int(name[1:], 16), 0): value
-                                     for name, value in changes.items()}).items():
+        values = {
+            self.profile.location('home_position'): home_position,
+            (0x6084, 0): round(2.0 * CPM),
+        }  # slower than the quick stop of 6085h
+        for place, value in (
+            values | {(int(name[1:], 16), 0): value for name, value in changes.items()}
+        ).items():
             assert self.write(*place, value) is None, place
         self.nmt(NMT_START)
         return self
@@ -116,7 +135,9 @@ class Bench:
         for _ in range(count):
             if self.sends_heartbeat:
                 self.send(0x77F, [5])
-            self.send(0x200 + NODE, encode_rpdo1(self.controlword, self.mode, self.target))
+            self.send(
+                0x200 + NODE, encode_rpdo1(self.controlword, self.mode, self.target)
+            )
             self.wait(PERIOD)
             self.sync()
         return self.status

@@ -17,14 +17,17 @@ def test_stopped_simulator_has_no_thread():
     assert not any(thread.name == 'drive simulator' for thread in threading.enumerate())
 
 
-@pytest.mark.parametrize('arguments, words', [
-    (['--interface', 'socketcan', '--channel', 'nosuchcan0'], 'nosuchcan0'),
-    (['--interface', 'carrier_pigeon'], 'carrier_pigeon'),
-    (['--interface', 'virtual', '--profile', 'nothing'], 'drive profile nothing'),
-    (['--interface', 'virtual', '--node-ids', '1', '2', '200'], 'node_id = 200'),
-    (['--interface', 'virtual', '--leads', '0'], 'lead = 0 m'),
-    (['--interface', 'virtual', '--lag', 'nan'], 'lag'),
-])
+@pytest.mark.parametrize(
+    'arguments, words',
+    [
+        (['--interface', 'socketcan', '--channel', 'nosuchcan0'], 'nosuchcan0'),
+        (['--interface', 'carrier_pigeon'], 'carrier_pigeon'),
+        (['--interface', 'virtual', '--profile', 'nothing'], 'drive profile nothing'),
+        (['--interface', 'virtual', '--node-ids', '1', '2', '200'], 'node_id = 200'),
+        (['--interface', 'virtual', '--leads', '0'], 'lead = 0 m'),
+        (['--interface', 'virtual', '--lag', 'nan'], 'lag'),
+    ],
+)
 def test_wrong_option_is_rejected_in_one_sentence(arguments, words, capsys):
     assert drive_simulator.main(arguments) == 1
     output = capsys.readouterr()
@@ -32,11 +35,28 @@ def test_wrong_option_is_rejected_in_one_sentence(arguments, words, capsys):
 
 
 def test_options_of_the_executable_reach_the_drives():
-    first, second = drive_simulator.make_drives(drive_simulator._parser().parse_args([
-        '--node-ids', '4', '5', '--start-positions', '0.2', '--directions', '-1',
-        '--lag', '0.02', '--missing-objects', '0x60C5']))
+    first, second = drive_simulator.make_drives(
+        drive_simulator._parser().parse_args(
+            [
+                '--node-ids',
+                '4',
+                '5',
+                '--start-positions',
+                '0.2',
+                '--directions',
+                '-1',
+                '--lag',
+                '0.02',
+                '--missing-objects',
+                '0x60C5',
+            ]
+        )
+    )
     assert [first.node_id, second.node_id] == [4, 5]
     for drive in (first, second):
         assert drive.objects.read((0x1018, 4)) == drive.node_id
-        assert drive.motor.carriage_position == pytest.approx(0.2) and drive.motor.lag == 0.02
+        assert (
+            drive.motor.carriage_position == pytest.approx(0.2)
+            and drive.motor.lag == 0.02
+        )
         assert (0x60C5, 0) not in drive.objects.variables

@@ -12,6 +12,7 @@ from facade_manipulator.drives.states import State
 
 # --- network management and heartbeats
 
+
 def test_drive_boots_into_pre_operational_with_one_message():
     bench = Bench()
     assert bench.wait(0.06) == [(0x702, b'\x00')]
@@ -20,7 +21,9 @@ def test_drive_boots_into_pre_operational_with_one_message():
     assert bench.wait(0.051) == [(0x702, b'\x7f')]
 
 
-@pytest.mark.parametrize('command, reaction', [(NMT_RESET, 1), (NMT_RESET_COMMUNICATION, 3)])
+@pytest.mark.parametrize(
+    'command, reaction', [(NMT_RESET, 1), (NMT_RESET_COMMUNICATION, 3)]
+)
 def test_reset_boots_and_communication_reset_keeps_application(command, reaction):
     bench = Bench().configure()
     assert bench.nmt(command) == []
@@ -28,11 +31,16 @@ def test_reset_boots_and_communication_reset_keeps_application(command, reaction
     assert bench.read(0x1017) == 0 and bench.read(0x6007) == reaction
 
 
-@pytest.mark.parametrize('named, options, state', [
-    (0x6007, {'_6007': 0}, State.OPERATION_ENABLED), (0x6007, {'_6007': 1}, State.FAULT),
-    (0x6007, {'_6007': 2}, State.SWITCH_ON_DISABLED),
-    (0x6007, {'_6007': 3}, State.QUICK_STOP_ACTIVE),
-    (0x605E, {'_6007': 3, '_605E': 2}, State.SWITCH_ON_DISABLED)])
+@pytest.mark.parametrize(
+    'named, options, state',
+    [
+        (0x6007, {'_6007': 0}, State.OPERATION_ENABLED),
+        (0x6007, {'_6007': 1}, State.FAULT),
+        (0x6007, {'_6007': 2}, State.SWITCH_ON_DISABLED),
+        (0x6007, {'_6007': 3}, State.QUICK_STOP_ACTIVE),
+        (0x605E, {'_6007': 3, '_605E': 2}, State.SWITCH_ON_DISABLED),
+    ],
+)
 def test_drive_reacts_to_dead_master_after_150_ms(named, options, state):
     profile = replace(load_profile('simulated'), lost_master_reaction=named)
     bench = Bench(profile).configure(**options)
@@ -65,13 +73,21 @@ def test_sdo_transfers_have_the_bytes_of_cia_301():
         assert bench.sdo(bytes.fromhex(request)) == bytes.fromhex(answer)
 
 
-@pytest.mark.parametrize('index, subindex, value, code', [
-    (0x605A, 0, 9, 0x06090031), (0x6007, 0, -1, 0x06090032),
-    (0x6098, 0, 5, 0x06090030), (0x6060, 0, 3, 0x06090030),
-    (0x1600, 1, 0x60400010, 0x08000022),
-    (0x1600, 0, 0, 0x08000022), (0x1010, 1, 1, 0x08000020),
-    (0x1A01, 1, 0x60650020, 0x06040041), (0x1A01, 1, 0x12340020, 0x06040041),
-    (0x1A01, 1, 0x60640010, 0x06040041)])  # not mappable
+@pytest.mark.parametrize(
+    'index, subindex, value, code',
+    [
+        (0x605A, 0, 9, 0x06090031),
+        (0x6007, 0, -1, 0x06090032),
+        (0x6098, 0, 5, 0x06090030),
+        (0x6060, 0, 3, 0x06090030),
+        (0x1600, 1, 0x60400010, 0x08000022),
+        (0x1600, 0, 0, 0x08000022),
+        (0x1010, 1, 1, 0x08000020),
+        (0x1A01, 1, 0x60650020, 0x06040041),
+        (0x1A01, 1, 0x12340020, 0x06040041),
+        (0x1A01, 1, 0x60640010, 0x06040041),
+    ],
+)  # not mappable
 def test_wrong_value_is_rejected_with_abort_code(index, subindex, value, code):
     bench = Bench().boot()
     bench.write(0x1801, 1, 0xC0000282)  # TPDO2 is disabled and has no count
@@ -82,6 +98,7 @@ def test_wrong_value_is_rejected_with_abort_code(index, subindex, value, code):
 
 
 # --- process data
+
 
 def test_tpdo_is_sent_after_sync_as_its_type_requires():
     bench = Bench().configure()
@@ -102,9 +119,16 @@ def test_short_rpdo_is_reported_once_and_stops():
 
 # --- whatever else is on the bus
 
-FRAMES = st.lists(min_size=1, max_size=60, elements=st.tuples(
-    st.sampled_from([0x000, 0x080, 0x202, 0x302, 0x602, 0x77F]) | st.integers(0, 0x7FF),
-    st.binary(max_size=8) | st.binary(min_size=8, max_size=8), st.floats(0.0, 0.02)))
+FRAMES = st.lists(
+    min_size=1,
+    max_size=60,
+    elements=st.tuples(
+        st.sampled_from([0x000, 0x080, 0x202, 0x302, 0x602, 0x77F])
+        | st.integers(0, 0x7FF),
+        st.binary(max_size=8) | st.binary(min_size=8, max_size=8),
+        st.floats(0.0, 0.02),
+    ),
+)
 
 
 @given(FRAMES, st.booleans())

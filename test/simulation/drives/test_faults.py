@@ -8,8 +8,15 @@ from facade_manipulator.drives.states import Controlword, State
 
 OFF, STOPPING = State.FAULT, State.FAULT_REACTION_ACTIVE
 EFFECTS = {  # state at once
-    0x1000: OFF, 0x2310: OFF, 0x7380: OFF, 0x8A88: OFF, 0xFF02: OFF,
-    0x8110: State.QUICK_STOP_ACTIVE, 0x8611: STOPPING, 0x8A80: STOPPING}
+    0x1000: OFF,
+    0x2310: OFF,
+    0x7380: OFF,
+    0x8A88: OFF,
+    0xFF02: OFF,
+    0x8110: State.QUICK_STOP_ACTIVE,
+    0x8611: STOPPING,
+    0x8A80: STOPPING,
+}
 
 
 def moving():
@@ -32,10 +39,21 @@ def test_fault_is_reported_everywhere_and_cleared_by_reset(code):
     assert bench.emergencies()[-1] == (0, 0, bytes(5)) and bench.read(0x603F) == 0
 
 
-@pytest.mark.parametrize(('fault', 'has_master', 'state', 'codes'), [
-    (drive_faults.lying_about_power, True, State.SWITCH_ON_DISABLED, []),
-    (drive_faults.without_dead_master_stop, False, State.OPERATION_ENABLED, [0x8130])])
-def test_drive_with_undetectable_fault_continues_to_move(fault, has_master, state, codes):
+@pytest.mark.parametrize(
+    ('fault', 'has_master', 'state', 'codes'),
+    [
+        (drive_faults.lying_about_power, True, State.SWITCH_ON_DISABLED, []),
+        (
+            drive_faults.without_dead_master_stop,
+            False,
+            State.OPERATION_ENABLED,
+            [0x8130],
+        ),
+    ],
+)
+def test_drive_with_undetectable_fault_continues_to_move(
+    fault, has_master, state, codes
+):
     bench = moving()
     bench.send(0x77F, [5])
     bench.sends_heartbeat = has_master

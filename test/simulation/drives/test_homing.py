@@ -16,7 +16,12 @@ DONE = Status.HOMING_ATTAINED | Status.TARGET_REACHED
 ON_SWITCHES = (-0.56, -0.55, -0.005, 0.004, 0.55, 0.56)  # m
 BITS = DONE | Status.HOMING_ERROR
 TURN = AxisSettings().counts_per_revolution
-LOWER, UPPER, STOP, HOME_HALF = -0.545, 0.545, 0.56, 0.005  # m, the defaults of the settings
+LOWER, UPPER, STOP, HOME_HALF = (
+    -0.545,
+    0.545,
+    0.56,
+    0.005,
+)  # m, the defaults of the settings
 
 
 def index_beyond(position, direction):
@@ -28,21 +33,37 @@ def index_beyond(position, direction):
 
 # home position of each method, in counts from the middle of the rail
 PLACES = {
-    17: LOWER * CPM, 1: index_beyond(LOWER, 1),
-    18: UPPER * CPM, 2: index_beyond(UPPER, -1),
-    23: -HOME_HALF * CPM, 7: index_beyond(-HOME_HALF, -1),
-    27: HOME_HALF * CPM, 11: index_beyond(HOME_HALF, 1),
-    -3: STOP * CPM, -1: index_beyond(STOP, -1),
-    -4: -STOP * CPM, -2: index_beyond(-STOP, 1),
+    17: LOWER * CPM,
+    1: index_beyond(LOWER, 1),
+    18: UPPER * CPM,
+    2: index_beyond(UPPER, -1),
+    23: -HOME_HALF * CPM,
+    7: index_beyond(-HOME_HALF, -1),
+    27: HOME_HALF * CPM,
+    11: index_beyond(HOME_HALF, 1),
+    -3: STOP * CPM,
+    -1: index_beyond(STOP, -1),
+    -4: -STOP * CPM,
+    -2: index_beyond(-STOP, 1),
 }
 
 
 def homing(method, start=0.05, offset=12345, **settings):
     profile = 'epos4' if method in (23, 27, 33, 34) else 'simulated'
     bench = Bench(profile, start=start, **settings)
-    unit = AxisSettings(velocity_unit=bench.profile.velocity_unit).velocity_units_per_count
-    speeds = {f'_{key}': round(value * CPM * unit) for key, value in {
-        '609A': 1.0, '607F': 0.6, '6080': 0.6, '60C5': 6.0, '6085': 5.0}.items()}
+    unit = AxisSettings(
+        velocity_unit=bench.profile.velocity_unit
+    ).velocity_units_per_count
+    speeds = {
+        f'_{key}': round(value * CPM * unit)
+        for key, value in {
+            '609A': 1.0,
+            '607F': 0.6,
+            '6080': 0.6,
+            '60C5': 6.0,
+            '6085': 5.0,
+        }.items()
+    }
     bench.configure(offset, _6098=method, **speeds)
     bench.write(0x6099, 1, round(0.2 * CPM * unit))
     bench.write(0x6099, 2, round(0.02 * CPM * unit))
@@ -55,13 +76,19 @@ def bits(bench):
 
 def run(bench, cycles=5000):
     bench.command(Controlword.HOMING_START)
-    return bench.until(lambda: bits(bench) in (
-        DONE, Status.HOMING_ERROR | Status.TARGET_REACHED), cycles)
+    return bench.until(
+        lambda: bits(bench) in (DONE, Status.HOMING_ERROR | Status.TARGET_REACHED),
+        cycles,
+    )
 
 
-@pytest.mark.parametrize(('method', 'start'), [
-    *itertools.product(sorted(PLACES), (-0.3, 0.3)),
-    *itertools.product((17, 23, 18, 27, -4, -3), ON_SWITCHES)])
+@pytest.mark.parametrize(
+    ('method', 'start'),
+    [
+        *itertools.product(sorted(PLACES), (-0.3, 0.3)),
+        *itertools.product((17, 23, 18, 27, -4, -3), ON_SWITCHES),
+    ],
+)
 def test_homing_method_finds_its_home_from_anywhere(method, start):
     bench = run(homing(method, start))
     assert bits(bench) == DONE
@@ -72,7 +99,7 @@ def test_homing_method_finds_its_home_from_anywhere(method, start):
 
 
 @settings(max_examples=20)
-@given(st.floats(-0.5, 0.5), st.integers(-10**6, 10**6), st.sampled_from([35, 37]))
+@given(st.floats(-0.5, 0.5), st.integers(-(10**6), 10**6), st.sampled_from([35, 37]))
 def test_homing_in_place_keeps_the_position(start, offset, method):
     bench = homing(method, start, offset)
     run(bench, 10)
@@ -90,7 +117,9 @@ def test_cleared_start_bit_interrupts_homing():
     assert bench.motion.velocity == 0 and bits(bench) == Status.TARGET_REACHED
 
 
-@pytest.mark.parametrize(('method', 'settings'), [(0, {}), (7, {'home_switch_width': 0.0})])
+@pytest.mark.parametrize(
+    ('method', 'settings'), [(0, {}), (7, {'home_switch_width': 0.0})]
+)
 def test_homing_without_method_or_home_switch_is_an_error(method, settings):
     bench = run(homing(method, 0.1, **settings))
     assert bits(bench) == Status.HOMING_ERROR | Status.TARGET_REACHED

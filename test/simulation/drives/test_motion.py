@@ -1,6 +1,5 @@
 """Motion of the simulated drive: following, interpolation, limits and torque."""
 
-
 import pytest
 from simulation.drives.bench import Bench, CPM, PERIOD
 
@@ -14,6 +13,7 @@ def enabled(**changes):
 
 
 # --- following
+
 
 def test_carriage_on_a_ramp_lags_by_speed_times_lag():
     bench = enabled().move_at(0.2)
@@ -38,8 +38,10 @@ def test_carriage_stays_within_speed_and_acceleration_limits():
 
 # --- supervision
 
-@pytest.mark.parametrize(('target', 'code'), [
-    (0.2, 0x8611), (-0.51, 0x8A82), (0.51, 0x8A82)])  # a jump, beyond the software limits
+
+@pytest.mark.parametrize(
+    ('target', 'code'), [(0.2, 0x8611), (-0.51, 0x8A82), (0.51, 0x8A82)]
+)  # a jump, beyond the software limits
 def test_impossible_target_trips_the_drive(target, code):
     bench = enabled()
     bench.target = round(target * CPM)
@@ -66,8 +68,10 @@ def test_limit_switch_trips_and_sets_its_input_bit(speed, bit, code):
 
 # --- stops
 
-@pytest.mark.parametrize('option, state', [
-    (2, State.SWITCH_ON_DISABLED), (6, State.QUICK_STOP_ACTIVE)])
+
+@pytest.mark.parametrize(
+    'option, state', [(2, State.SWITCH_ON_DISABLED), (6, State.QUICK_STOP_ACTIVE)]
+)
 def test_quick_stop_follows_its_option_code(option, state):
     bench = enabled(_605A=option).move_at(0.4)
     start = bench.drive.motor.carriage_position

@@ -21,8 +21,11 @@ GEOMETRY = Geometry()
 OTHER = Geometry(link_length=0.30, platform_half_length=0.25)
 POSES = (Pose(0.0, 0.25, 0.0), Pose(0.12, 0.26, 0.06), Pose(-0.1, 0.2, -0.15))
 STILL = Scenario(motion=Motion(x=((0.0, 1.0, 0.0),)))
-SWAYING = Scenario(motion=Motion(
-    x=((0.1, 0.3, 0.0),), y=((0.015, 0.5, 0.0),), theta=((0.035, 0.4, 0.0),)))
+SWAYING = Scenario(
+    motion=Motion(
+        x=((0.1, 0.3, 0.0),), y=((0.015, 0.5, 0.0),), theta=((0.035, 0.4, 0.0),)
+    )
+)
 
 
 def hold(world, carriages, duration):
@@ -35,14 +38,17 @@ def test_mjcf_file_with_its_keyframe_hangs_at_the_origin():
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key('middle').id)
     mujoco.mj_forward(model, data)
-    assert data.site('link1').xpos == pytest.approx(data.site('platform1').xpos, abs=1e-6)
+    assert data.site('link1').xpos == pytest.approx(
+        data.site('platform1').xpos, abs=1e-6
+    )
     mujoco.mj_step(model, data, 200)
     assert data.site('rail').xpos == pytest.approx(np.zeros(3), abs=1e-3)
     assert data.site('head').xpos[:2] == pytest.approx((0.0, 0.25), abs=1e-3)
 
 
-@pytest.mark.parametrize(('geometry', 'pose'), [
-    *((GEOMETRY, pose) for pose in POSES), (OTHER, POSES[0])])
+@pytest.mark.parametrize(
+    ('geometry', 'pose'), [*((GEOMETRY, pose) for pose in POSES), (OTHER, POSES[0])]
+)
 def test_head_on_swaying_gondola_matches_forward_kinematics(geometry, pose):
     world = World(SWAYING, geometry, head=pose)
     carriages = inverse_kinematics(geometry, pose)
@@ -53,13 +59,21 @@ def test_head_on_swaying_gondola_matches_forward_kinematics(geometry, pose):
         assert world.head == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize('wrench', [
-    Wrench(10.0, 0.0, 0.0), Wrench(0.0, 30.0, 0.0), Wrench(0.0, 0.0, 3.0),
-    Wrench(5.0, -20.0, 2.0)])
+@pytest.mark.parametrize(
+    'wrench',
+    [
+        Wrench(10.0, 0.0, 0.0),
+        Wrench(0.0, 30.0, 0.0),
+        Wrench(0.0, 0.0, 3.0),
+        Wrench(5.0, -20.0, 2.0),
+    ],
+)
 @pytest.mark.parametrize('pose', POSES[:2])
 def test_simulated_carriage_forces_balance_a_wrench(pose, wrench):
     world = World(STILL, GEOMETRY, head=pose)
     world.data.body('platform').xfrc_applied[[0, 1, 5]] = np.negative(wrench)
     hold(world, inverse_kinematics(GEOMETRY, pose), 0.5)
     expected = Mechanism(GEOMETRY).carriage_forces(world.head, wrench)
-    assert world.data.actuator_force == pytest.approx(np.array(expected), rel=1e-6, abs=1e-5)
+    assert world.data.actuator_force == pytest.approx(
+        np.array(expected), rel=1e-6, abs=1e-5
+    )

@@ -13,15 +13,25 @@ def write(path, text):
 
 
 def test_missing_scenario_values_have_defaults(tmp_path):
-    scenario = load_scenario(write(tmp_path / 'a.yaml', 'gondola: {guide_lever: 0.4}\n'))
+    scenario = load_scenario(
+        write(tmp_path / 'a.yaml', 'gondola: {guide_lever: 0.4}\n')
+    )
     assert scenario.gondola.guide_lever == 0.4 and scenario.gondola.cable_length == 30.0
 
 
-@pytest.mark.parametrize(('text', 'reason'), [
-    ('gondola: {weight: 400.0}', 'weight'), ('weather: {rain: 1.0}', 'weather'),
-    ('wind: {mean_speed: fast}', "mean_speed = 'fast'"), ('seed: no', 'seed = False'),
-    ('mission: {goals: [0.0, 0.25, 0.0]}', 'goals = 0.0'),
-    ('- 1', 'rejected'), ('gondola: 5', 'rejected'), ('{', 'rejected')])
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('gondola: {weight: 400.0}', 'weight'),
+        ('weather: {rain: 1.0}', 'weather'),
+        ('wind: {mean_speed: fast}', "mean_speed = 'fast'"),
+        ('seed: no', 'seed = False'),
+        ('mission: {goals: [0.0, 0.25, 0.0]}', 'goals = 0.0'),
+        ('- 1', 'rejected'),
+        ('gondola: 5', 'rejected'),
+        ('{', 'rejected'),
+    ],
+)
 def test_file_with_an_error_is_rejected_with_its_name(tmp_path, text, reason):
     with pytest.raises(ParameterError, match=reason):
         load_scenario(write(tmp_path / 'a.yaml', text))

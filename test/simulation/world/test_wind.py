@@ -14,7 +14,9 @@ WIND = Wind(mean_speed=5.0, direction=0.5)
 def gusts(seed, duration=600.0, step=0.05, wind=WIND):
     """Return gusts along and across the mean wind [m/s]."""
     source = Gusts(wind, np.random.default_rng(seed))
-    velocities = np.array([source.velocity(time) for time in np.arange(0.0, duration, step)])
+    velocities = np.array(
+        [source.velocity(time) for time in np.arange(0.0, duration, step)]
+    )
     cosine, sine = math.cos(wind.direction), math.sin(wind.direction)
     return velocities @ np.array([[cosine, -sine], [sine, cosine]])
 
@@ -30,12 +32,18 @@ def test_gust_power_in_a_band_matches_the_spectrum():
     step, band = 0.05, (0.1, 0.5)
     frequencies = np.fft.rfftfreq(12000, step)
     inside = (frequencies >= band[0]) & (frequencies < band[1])
-    power = np.mean([
-        (np.abs(np.fft.rfft(gusts(seed)[:, 0]))[inside] ** 2).sum() for seed in range(4)])
+    power = np.mean(
+        [
+            (np.abs(np.fft.rfft(gusts(seed)[:, 0]))[inside] ** 2).sum()
+            for seed in range(4)
+        ]
+    )
     grid = np.linspace(*band, 2000)
     expected = np.trapezoid(spectral_density(WIND, grid)[0], grid)
-    assert 2.0 * power / 12000 ** 2 == pytest.approx(expected, rel=0.15)
+    assert 2.0 * power / 12000**2 == pytest.approx(expected, rel=0.15)
 
 
 def test_drag_grows_with_the_square_of_the_wind():
-    assert drag(Gondola(drag_area=2.0), np.array([3.0, 4.0])) == pytest.approx((18.0, 24.0))
+    assert drag(Gondola(drag_area=2.0), np.array([3.0, 4.0])) == pytest.approx(
+        (18.0, 24.0)
+    )

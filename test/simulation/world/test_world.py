@@ -24,7 +24,11 @@ pytestmark = pytest.mark.long
 GEOMETRY = Geometry()
 START = 1000.0
 PERIOD = 0.01
-SINES = {'x': ((0.1, 0.25, 0.3),), 'y': ((0.015, 0.5, 1.0),), 'theta': ((0.035, 0.4, 0.0),)}
+SINES = {
+    'x': ((0.1, 0.25, 0.3),),
+    'y': ((0.015, 0.5, 1.0),),
+    'theta': ((0.035, 0.4, 0.0),),
+}
 STILL = Motion(x=((0.0, 1.0, 0.0),))
 MIDDLE = Pose(0.0, 0.25, 0.0)
 
@@ -34,7 +38,8 @@ def run(world, duration, head=lambda elapsed: MIDDLE):
     begin = world.time
     for number in range(1, round(duration / PERIOD) + 1):
         world.advance(
-            begin + number * PERIOD, inverse_kinematics(GEOMETRY, head(number * PERIOD)))
+            begin + number * PERIOD, inverse_kinematics(GEOMETRY, head(number * PERIOD))
+        )
         yield world
 
 
@@ -56,7 +61,9 @@ def test_gondola_in_steady_air_hangs_at_the_origin(mean_speed, lag):
 def seen(name, seed):
     world = World(replace(load_scenario(name), seed=seed), GEOMETRY)
     rails = [each.rail for each in run(world, 0.5)]
-    arrived = [queue.receive(math.inf) for queue in (world.estimator, world.raw_sensors)]
+    arrived = [
+        queue.receive(math.inf) for queue in (world.estimator, world.raw_sensors)
+    ]
     return rails, *arrived, world.measure_wrench()
 
 
@@ -81,10 +88,14 @@ def test_world_is_independent_of_the_length_of_calls():
     assert ends[0] == pytest.approx(ends[1], abs=1e-12)
 
 
-@pytest.mark.parametrize(('axis', 'stiffness', 'inertia'), [
-    # body and cables in one line: the long pendulum with the body's own inertia
-    (0, 500.0 * GRAVITY / 30.0, 500.0),
-    (5, 500.0 * GRAVITY / 30.0 * 0.6 ** 2 + 600.0 * 0.6 ** 2, 450.0 * 0.7 ** 2)])
+@pytest.mark.parametrize(
+    ('axis', 'stiffness', 'inertia'),
+    [
+        # body and cables in one line: the long pendulum with the body's own inertia
+        (0, 500.0 * GRAVITY / 30.0, 500.0),
+        (5, 500.0 * GRAVITY / 30.0 * 0.6**2 + 600.0 * 0.6**2, 450.0 * 0.7**2),
+    ],
+)
 def test_gondola_sways_with_the_textbook_period(axis, stiffness, inertia):
     world = World(Scenario(), GEOMETRY)
     speed = np.zeros(6)
@@ -114,17 +125,28 @@ def test_raw_sensors_read_the_prescribed_motion(monkeypatch):
     motion, counts = Motion(**SINES).poses, Counter()
     for sensor, stamp, values in world.raw_sensors.receive(math.inf):
         counts[sensor] += 1
-        before, here, after = (np.array(motion(stamp + shift)) for shift in (-1e-3, 0.0, 1e-3))
+        before, here, after = (
+            np.array(motion(stamp + shift)) for shift in (-1e-3, 0.0, 1e-3)
+        )
         (ax, ay, _), (x, y, theta) = (before - 2.0 * here + after) / 1e-6, here
         cosine, sine = math.cos(theta), math.sin(theta)
         expected = {
-            'imu': (0.0, 0.0, (after - before)[2] / 2e-3,
-                    cosine * ax + sine * ay, cosine * ay - sine * ax, GRAVITY),
+            'imu': (
+                0.0,
+                0.0,
+                (after - before)[2] / 2e-3,
+                cosine * ax + sine * ay,
+                cosine * ay - sine * ax,
+                GRAVITY,
+            ),
             'range_1': ((0.45 - y + 0.5 * sine) / cosine,),
             'range_2': ((0.45 - y - 0.5 * sine) / cosine,),
-            'fix_x': (cosine * (0.1 - x) + sine * (0.45 - y) - 0.1,)}[sensor]
+            'fix_x': (cosine * (0.1 - x) + sine * (0.45 - y) - 0.1,),
+        }[sensor]
         if sensor != 'imu' or counts['imu'] > 10:  # the sway begins with a jerk
-            assert values == pytest.approx(expected, abs=3e-3 if sensor == 'imu' else 2e-5)
+            assert values == pytest.approx(
+                expected, abs=3e-3 if sensor == 'imu' else 2e-5
+            )
     assert counts == {'imu': 800, 'range_1': 400, 'range_2': 400, 'fix_x': 134}
 
 
@@ -134,7 +156,9 @@ def test_wall_pushes_and_rubs_at_the_bristles(stiffness, slide):
     """Press a brush against the wall with 30 N and slide it along the wall [m/s]."""
     wall = Wall(is_touched=True, distance=0.2, brush_stiffness=stiffness)
     depth = 30.0 / stiffness
-    world = World(Scenario(motion=STILL, wall=wall), GEOMETRY, head=Pose(0.0, 0.19, 0.0))
+    world = World(
+        Scenario(motion=STILL, wall=wall), GEOMETRY, head=Pose(0.0, 0.19, 0.0)
+    )
     finish(world, 1.0, lambda t: Pose(0.0, 0.19 + (0.01 + depth) * t, 0.0))
     fx, fy, mz = finish(world, 1.0, lambda t: Pose(slide * t, 0.2 + depth, 0.0)).wrench
     assert fy == pytest.approx(-30.0, rel=0.04)

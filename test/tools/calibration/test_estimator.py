@@ -16,7 +16,10 @@ from facade_manipulator.kinematics import compose, Geometry, Mechanism, Pose
 from facade_manipulator.nodes.conversions import pose_message, stamp
 from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.tools.calibration.__main__ import main
-from facade_manipulator.tools.calibration.estimator import EstimatorRecording, fit_estimator
+from facade_manipulator.tools.calibration.estimator import (
+    EstimatorRecording,
+    fit_estimator,
+)
 
 pytestmark = pytest.mark.long
 
@@ -28,8 +31,11 @@ TIMES = np.arange(0.0, 60.0, 0.02) + 1.8e9  # s since 1970
 
 
 def sway(time, yaw=0.01):
-    return Pose(0.06 * math.sin(0.9 * time) + 0.02 * math.sin(2.1 * time),
-                0.015 * math.sin(1.7 * time), yaw * (math.sin(1.3 * time) + math.sin(0.5 * time)))
+    return Pose(
+        0.06 * math.sin(0.9 * time) + 0.02 * math.sin(2.1 * time),
+        0.015 * math.sin(1.7 * time),
+        yaw * (math.sin(1.3 * time) + math.sin(0.5 * time)),
+    )
 
 
 def wiping(time):
@@ -45,22 +51,39 @@ def measured(yaw, head, axes):
     """Return the poses of the estimator, the carriages and the poses of the instrument."""
     solve, passed = Mechanism(GEOMETRY).inverse_kinematics, (TIMES - TIMES[0]).tolist()
     return (
-        np.array([published_motion(sway(time, yaw), MOUNTING, axes) for time in passed]),
+        np.array(
+            [published_motion(sway(time, yaw), MOUNTING, axes) for time in passed]
+        ),
         np.array([solve(head(time)) for time in passed]),
-        np.array([compose(INSTRUMENT, compose(sway(time, yaw), head(time))) for time in passed]))
+        np.array(
+            [
+                compose(INSTRUMENT, compose(sway(time, yaw), head(time)))
+                for time in passed
+            ]
+        ),
+    )
 
 
 def recorded(yaw=0.01, head=wiping, seed=0, axes=0.0):
     """Return a recording with noise of 1 mm and 1 mrad, as floats since 1970."""
     random, tables = np.random.default_rng(seed), measured(yaw, head, axes)
     noises = 1e-3, 0.0, 1e-3
-    return EstimatorRecording(*(
-        np.column_stack([TIMES + late, table + noise * random.standard_normal((len(TIMES), 3))])
-        for late, table, noise in zip((DELAY, 0.0, LATE), tables, noises, strict=True)))
+    return EstimatorRecording(
+        *(
+            np.column_stack(
+                [TIMES + late, table + noise * random.standard_normal((len(TIMES), 3))]
+            )
+            for late, table, noise in zip(
+                (DELAY, 0.0, LATE), tables, noises, strict=True
+            )
+        )
+    )
 
 
 def off_by(found):
-    return np.abs([*found.settings.mounting - np.array(MOUNTING), found.settings.delay - DELAY])
+    return np.abs(
+        [*found.settings.mounting - np.array(MOUNTING), found.settings.delay - DELAY]
+    )
 
 
 @pytest.mark.parametrize('seed', [0, 1])
@@ -93,9 +116,13 @@ def test_turned_axes_of_the_estimator_are_kept():
     assert found.settings.axes == 0.3
 
 
-@pytest.mark.parametrize(('changes', 'message'), [
-    ({'yaw': 0.0}, 'not determine .*x of the mounting'),
-    ({'head': standing}, 'not determine delay')])
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'yaw': 0.0}, 'not determine .*x of the mounting'),
+        ({'head': standing}, 'not determine delay'),
+    ],
+)
 def test_motion_without_information_on_a_value_is_rejected(changes, message):
     with pytest.raises(CalibrationError, match=message):
         fit_estimator(GEOMETRY, recorded(**changes), PRESENT)
@@ -109,12 +136,22 @@ def scale(name, column, factor):
     return change
 
 
-@pytest.mark.parametrize(('change', 'message'), [
-    (scale('disturbance', 1, -1.0), 'remain of a motion of'),
-    (scale('wall', 3, math.degrees(1.0)), 'remain of a motion of'),
-    (scale('joints', 1, 1e3), 'links do not close'),
-    (lambda one: one._replace(disturbance=one.disturbance[:500]), 'share 8.0 s, below 20 s'),
-    (lambda one: one._replace(wall=one.wall + [90.0, 0.0, 0.0, 0.0]), 'share -32.0 s')])
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        (scale('disturbance', 1, -1.0), 'remain of a motion of'),
+        (scale('wall', 3, math.degrees(1.0)), 'remain of a motion of'),
+        (scale('joints', 1, 1e3), 'links do not close'),
+        (
+            lambda one: one._replace(disturbance=one.disturbance[:500]),
+            'share 8.0 s, below 20 s',
+        ),
+        (
+            lambda one: one._replace(wall=one.wall + [90.0, 0.0, 0.0, 0.0]),
+            'share -32.0 s',
+        ),
+    ],
+)
 def test_recording_that_contradicts_itself_is_rejected(change, message):
     with pytest.raises(CalibrationError, match=message):
         fit_estimator(GEOMETRY, change(recorded()), PRESENT)
@@ -127,8 +164,12 @@ def estimate(numbers):
 
 
 def joint_state(numbers):
-    return JointState(name=['q3', 'q1', 'q2'], position=np.roll(numbers, 1).tolist(),
-                      velocity=[0.0] * 3, effort=[0.0] * 3)
+    return JointState(
+        name=['q3', 'q1', 'q2'],
+        position=np.roll(numbers, 1).tolist(),
+        velocity=[0.0] * 3,
+        effort=[0.0] * 3,
+    )
 
 
 def head_pose(numbers):
@@ -143,12 +184,18 @@ def write_bag(folder, recording, namespace=''):
 
     store = get_typestore(Stores.ROS2_JAZZY)
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
-        for topic, make, table in zip(('disturbance', 'joint_states', 'head_on_wall'),
-                                      (estimate, joint_state, head_pose), recording, strict=True):
+        for topic, make, table in zip(
+            ('disturbance', 'joint_states', 'head_on_wall'),
+            (estimate, joint_state, head_pose),
+            recording,
+            strict=True,
+        ):
             kind = type(make([0.0] * 3))
             connection = bag.add_connection(
-                f'{namespace}/{topic}', f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}',
-                typestore=store)
+                f'{namespace}/{topic}',
+                f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}',
+                typestore=store,
+            )
             for time, *numbers in table.tolist():
                 message = make(numbers)
                 message.header.stamp = stamp(time)
@@ -161,8 +208,12 @@ def test_command_reads_a_recording_and_prints_parameters(tmp_path, capsys):
     report, lines = capsys.readouterr().out.split('Lines for the parameter file:\n')
     assert 'delay' in report
     written = yaml.safe_load(lines)['/**/compensator']['ros__parameters']['estimate']
-    assert (np.abs(np.subtract((*written['mounting'], written['delay']), (*MOUNTING, DELAY)))
-            < LIMITS).all()
+    assert (
+        np.abs(
+            np.subtract((*written['mounting'], written['delay']), (*MOUNTING, DELAY))
+        )
+        < LIMITS
+    ).all()
 
 
 def test_recording_without_a_topic_is_rejected(tmp_path, capsys):

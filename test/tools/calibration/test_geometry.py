@@ -8,7 +8,13 @@ from scipy.optimize import approx_fprime, fsolve
 import yaml
 
 from facade_manipulator.errors import CalibrationError
-from facade_manipulator.kinematics import Carriages, compose, forward_kinematics, Geometry, Pose
+from facade_manipulator.kinematics import (
+    Carriages,
+    compose,
+    forward_kinematics,
+    Geometry,
+    Pose,
+)
 from facade_manipulator.tools.calibration.__main__ import main
 from facade_manipulator.tools.calibration.geometry import (
     fit_geometry,
@@ -42,10 +48,14 @@ def foreign_head(errors, carriages):
 
     def misses(unknown):
         platform, direction = points(*unknown)
-        return (abs(platform - (DRAWING.platform_half_length + half1) * direction - a1)
-                - DRAWING.link_length - link1,
-                abs(platform + (DRAWING.platform_half_length + half2) * direction - a2)
-                - DRAWING.link_length - link2)
+        return (
+            abs(platform - (DRAWING.platform_half_length + half1) * direction - a1)
+            - DRAWING.link_length
+            - link1,
+            abs(platform + (DRAWING.platform_half_length + half2) * direction - a2)
+            - DRAWING.link_length
+            - link2,
+        )
 
     _, *drawn = forward_kinematics(DRAWING, Carriages(*carriages))
     y, theta = fsolve(misses, drawn, xtol=1e-12)
@@ -65,9 +75,11 @@ def measured(errors, seed, carriages=POSES, noise=NOISE):
 
 def allowed_by_noise(errors, used):
     """Return the RMS error of the head [m, m, rad] allowed by the noise of the used rows."""
+
     def rates(carriages):
         return approx_fprime(
-            errors, lambda shifted: foreign_heads(shifted, carriages).ravel(), 1e-6)
+            errors, lambda shifted: foreign_heads(shifted, carriages).ravel(), 1e-6
+        )
 
     deviations = np.tile(NOISE, len(used))
     to_errors = np.linalg.pinv(rates(used) / deviations[:, None], rcond=1e-6)
@@ -76,7 +88,7 @@ def allowed_by_noise(errors, used):
 
 
 def rms(differences):
-    return np.sqrt((differences ** 2).mean(axis=0))
+    return np.sqrt((differences**2).mean(axis=0))
 
 
 def test_foreign_machine_with_two_wrong_rows_is_calibrated():
@@ -117,7 +129,9 @@ def test_frame_of_the_instrument_is_found():
     rows.heads[:] = [compose(Pose(*frame), Pose(*head)) for head in rows.heads]
     found = fit_geometry(DRAWING, rows, NOISE, has_frame=True)
     assert np.array(found.frame) == pytest.approx(frame, abs=5e-3)
-    seen = np.array([compose(Pose(*frame), Pose(*head)) for head in foreign_heads(errors, FRESH)])
+    seen = np.array(
+        [compose(Pose(*frame), Pose(*head)) for head in foreign_heads(errors, FRESH)]
+    )
     left = rms(head_differences(seen, head_poses(found.geometry, FRESH, found.frame)))
     assert (left < 2.5 * found.head_deviation).all()
     with pytest.raises(CalibrationError, match='--frame'):
@@ -134,25 +148,35 @@ def test_poses_that_do_not_determine_the_head_are_rejected():
 
 def test_errors_whose_effects_cancel_are_named():
     found = fit_geometry(DRAWING, measured(np.zeros(11), 2), NOISE)
-    assert 'platform from B1 to P apart from platform from P to B2' in found.unidentified
+    assert (
+        'platform from B1 to P apart from platform from P to B2' in found.unidentified
+    )
 
 
 def test_noise_larger_than_stated_widens_the_deviations():
     rows = measured(np.zeros(11), 4, noise=3.0 * NOISE)
-    found, stated = (fit_geometry(DRAWING, rows, noise) for noise in (NOISE, 3.0 * NOISE))
+    found, stated = (
+        fit_geometry(DRAWING, rows, noise) for noise in (NOISE, 3.0 * NOISE)
+    )
     assert found.scatter == pytest.approx(3.0, rel=0.3)
     assert found.head_deviation == pytest.approx(stated.head_deviation, rel=0.35)
 
 
-@pytest.mark.parametrize(('change', 'message'), [
-    (lambda rows: rows.heads[:3], '9 measured numbers for 11 errors'),
-    (lambda rows: rows.heads * [1e3, 1e3, 1.0], '20 of 20 rows contradict the others'),
-])
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        (lambda rows: rows.heads[:3], '9 measured numbers for 11 errors'),
+        (
+            lambda rows: rows.heads * [1e3, 1e3, 1.0],
+            '20 of 20 rows contradict the others',
+        ),
+    ],
+)
 def test_unusable_tables_are_rejected(change, message):
     rows = measured(np.zeros(11), 0)
     heads = change(rows)
     with pytest.raises(CalibrationError, match=message):
-        fit_geometry(DRAWING, Measurements(POSES[:len(heads)], heads), NOISE)
+        fit_geometry(DRAWING, Measurements(POSES[: len(heads)], heads), NOISE)
 
 
 def test_planned_poses_are_permitted_and_far_apart(capsys):
@@ -162,7 +186,9 @@ def test_planned_poses_are_permitted_and_far_apart(capsys):
     header, *rows = capsys.readouterr().out.split()
     assert header.endswith(HEADER)
     carriages = np.array([row.split(',')[4:7] for row in rows], float)
-    apart = np.linalg.norm(carriages[:, None] - carriages, axis=2)[np.triu_indices(12, 1)]
+    apart = np.linalg.norm(carriages[:, None] - carriages, axis=2)[
+        np.triu_indices(12, 1)
+    ]
     assert len(carriages) == 12
     assert apart.min() > 100.0
 
@@ -174,8 +200,15 @@ def table(tmp_path):
     rows = measured(errors, 6)
     rows.heads[3, 0] += 4e-3
     path = tmp_path / 'poses.csv'
-    lines = [HEADER, *(','.join(f'{value:.6f}' for value in row) for row in np.hstack([
-        1e3 * rows.carriages, rows.heads * [1e3, 1e3, math.degrees(1.0)]]))]
+    lines = [
+        HEADER,
+        *(
+            ','.join(f'{value:.6f}' for value in row)
+            for row in np.hstack(
+                [1e3 * rows.carriages, rows.heads * [1e3, 1e3, math.degrees(1.0)]]
+            )
+        ),
+    ]
     path.write_text('\n'.join(lines))
     return path, errors
 
@@ -188,9 +221,15 @@ def test_command_prints_errors_and_parameter_lines(table, capsys):
     assert 'Rows left out of the fit were off by x' in report
     written = yaml.safe_load(lines)['/**']['ros__parameters']['geometry']
     assert written['rail_angle'] == pytest.approx(errors[7], abs=3e-4)
-    found = Geometry(**{name: tuple(value) if isinstance(value, list) else value
-                        for name, value in written.items()})
-    assert (rms(foreign_heads(errors, FRESH) - head_poses(found, FRESH)) < 3.0 * NOISE).all()
+    found = Geometry(
+        **{
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in written.items()
+        }
+    )
+    assert (
+        rms(foreign_heads(errors, FRESH) - head_poses(found, FRESH)) < 3.0 * NOISE
+    ).all()
 
 
 def test_dial_gauge_does_not_determine_x_and_angle(table, tmp_path, capsys):

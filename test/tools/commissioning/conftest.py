@@ -26,6 +26,7 @@ def rig(make_rig):
 @pytest.fixture
 def rejected(make_rig, capsys):
     """Return a function that runs a command, requires its rejection and returns the message."""
+
     def run(*words: str, **options: bool) -> str:
         assert make_rig.made[-1].run(*words, **options) in (1, 130)
         return capsys.readouterr().err

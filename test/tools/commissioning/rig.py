@@ -67,8 +67,10 @@ class CommissionRig(BusWorld):
         self, profile: str = 'simulated', is_moving: bool = True, **others: object
     ) -> CommissionRig:
         """Write an overlay for drives that have their node ids, and may move."""
-        node_ids = {f'{name}.node_id': drive.node_id
-                    for name, drive in zip(AXES, self.drives, strict=True)}
+        node_ids = {
+            f'{name}.node_id': drive.node_id
+            for name, drive in zip(AXES, self.drives, strict=True)
+        }
         self.overlay.write('assign', {'axes.profile': profile, **node_ids, **others})
         for name in AXES if is_moving else ():
             self.overlay.write(f'direction {name}', {})
@@ -99,6 +101,7 @@ class CommissionRig(BusWorld):
 
 def raising(error):
     """Return a function that raises an error, whatever its arguments."""
+
     def act(*_):
         raise error
 

@@ -15,6 +15,7 @@ BACKUP = 'machine.q1.dcf'
 
 # --- profile
 
+
 def test_drives_that_match_their_profile_are_recorded(rig, capsys):
     assert rig.run('profile', '--check') == 0
     assert 'q2: configure will change ' in (said := capsys.readouterr().out)
@@ -23,19 +24,30 @@ def test_drives_that_match_their_profile_are_recorded(rig, capsys):
     assert rig.drives[0].objects.values[0x6065, 0] == 0xFFFFFFFF  # as before the check
 
 
-@pytest.mark.parametrize(('code', 'reason'), [
-    (0x06010002, 'attempt to write a read only object'),
-    (0x06070010, 'data type and length code do not match')])
+@pytest.mark.parametrize(
+    ('code', 'reason'),
+    [
+        (0x06010002, 'attempt to write a read only object'),
+        (0x06070010, 'data type and length code do not match'),
+    ],
+)
 def test_each_object_that_differs_is_named(make_rig, capsys, code, reason):
-    rig = make_rig('--profile', 'epos4', '--missing-objects', '0x6085').configured('epos4')
+    rig = make_rig('--profile', 'epos4', '--missing-objects', '0x6085').configured(
+        'epos4'
+    )
     objects = rig.drives[1].objects
     objects.writers[0x607F, 0] = raising(SdoAbortedError(code))
     objects.defaults[0x60A9, 0] = 0xFDB44700
     rig.power_cut()
     assert rig.run('profile', '--check') == 1
     said = capsys.readouterr().err
-    for words in ('! q1: q1 (node 1)', '! q3: q3 (node 3)', f'object 607Fh:00: {reason}',
-                  'object 6085h:00: object does not exist', '60A9h:00 = FDB44700h'):
+    for words in (
+        '! q1: q1 (node 1)',
+        '! q3: q3 (node 3)',
+        f'object 607Fh:00: {reason}',
+        'object 6085h:00: object does not exist',
+        '60A9h:00 = FDB44700h',
+    ):
         assert words in said
 
 
@@ -48,10 +60,14 @@ def test_profile_without_a_dead_master_stop_is_rejected(rig, tmp_path, capsys):
 def test_interrupted_profile_check_states_the_written_values(rig, rejected):
     rig.drives[0].objects.writers[0x6065, 0] = raising(KeyboardInterrupt)
     said = rejected('profile', 'q1', '--check')
-    assert 'interrupted\nq1 may have new values, which are not stored; next: switch' in said
+    assert (
+        'interrupted\nq1 may have new values, which are not stored; next: switch'
+        in said
+    )
 
 
 # --- backup and restore
+
 
 def test_backup_is_restored_to_another_drive_after_power_cuts(rig, capsys):
     rig.drives[0].objects.write(RAMP, 77)
@@ -60,7 +76,10 @@ def test_backup_is_restored_to_another_drive_after_power_cuts(rig, capsys):
     assert rig.run('restore', 'q2', BACKUP) == 0
     assert '77         100000  Profile deceleration' in capsys.readouterr().out
     rig.power_cut()
-    assert [rig.drives[1].objects.values[key] for key in (RAMP, (0x607D, 1))] == [77, -123456]
+    assert [rig.drives[1].objects.values[key] for key in (RAMP, (0x607D, 1))] == [
+        77,
+        -123456,
+    ]
     assert rig.run('restore', 'q2', BACKUP) == 0
     assert 'nothing is written' in capsys.readouterr().out
 
@@ -86,9 +105,16 @@ def test_restore_skips_objects_of_the_bus_position(rig, tmp_path):
     assert values[RAMP] == 77 != values[SPEED] and values[0x1801, 1] & 0x7F == 2
 
 
-@pytest.mark.parametrize('words', [
-    ['backup', 'q1'], ['restore', 'q1', BACKUP], ['profile', 'q1', '--check'], ['direction', 'q1'],
-    ['jog', 'q1', '40']])
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['backup', 'q1'],
+        ['restore', 'q1', BACKUP],
+        ['profile', 'q1', '--check'],
+        ['direction', 'q1'],
+        ['jog', 'q1', '40'],
+    ],
+)
 def test_powered_drive_is_rejected_and_keeps_its_power(rig, rejected, words):
     rig.run('backup', 'q1')
     for word in (6, 7, 15):
@@ -100,12 +126,22 @@ def test_powered_drive_is_rejected_and_keeps_its_power(rig, rejected, words):
 ABORTED, INTERRUPTED = raising(SdoAbortedError(0x06090030)), raising(KeyboardInterrupt)
 
 
-@pytest.mark.parametrize(('key', 'act', 'message'), [
-    (RAMP, ABORTED, 'q1 may have new values, which are not stored'),
-    (RAMP, INTERRUPTED, 'interrupted\nq1 may have new values, which are not stored'),
-    ((0x1010, 1), ABORTED, 'The values stored in q1 are unknown'),
-    ((0x1010, 1), INTERRUPTED, 'interrupted\nThe values stored in q1 are unknown')])
-def test_interrupted_restore_states_the_written_values(rig, rejected, key, act, message):
+@pytest.mark.parametrize(
+    ('key', 'act', 'message'),
+    [
+        (RAMP, ABORTED, 'q1 may have new values, which are not stored'),
+        (
+            RAMP,
+            INTERRUPTED,
+            'interrupted\nq1 may have new values, which are not stored',
+        ),
+        ((0x1010, 1), ABORTED, 'The values stored in q1 are unknown'),
+        ((0x1010, 1), INTERRUPTED, 'interrupted\nThe values stored in q1 are unknown'),
+    ],
+)
+def test_interrupted_restore_states_the_written_values(
+    rig, rejected, key, act, message
+):
     rig.run('backup', 'q1')
     for changed in (SPEED, RAMP):
         rig.drives[0].objects.write(changed, 77)
@@ -119,11 +155,20 @@ def test_object_that_a_drive_does_not_store_is_named(rig, rejected):
     rig.drives[0].objects.stored[RAMP] = 77
     rig.drives[0].objects.writers[0x1010, 1] = bool
     assert 'q1 has not stored these values: q1 (node 1): object 6084h:00' in rejected(
-        'restore', 'q1', BACKUP)
+        'restore', 'q1', BACKUP
+    )
 
 
-@pytest.mark.parametrize('text', ['', 'nonsense', EDS.read_text().replace(
-    'ParameterName=Vendor-ID', 'ParameterName=Vendor-ID\nParameterValue=9')])
+@pytest.mark.parametrize(
+    'text',
+    [
+        '',
+        'nonsense',
+        EDS.read_text().replace(
+            'ParameterName=Vendor-ID', 'ParameterName=Vendor-ID\nParameterValue=9'
+        ),
+    ],
+)
 def test_file_without_a_matching_backup_is_rejected(rig, rejected, tmp_path, text):
     (tmp_path / 'other.dcf').write_text(text)
     assert 'other.dcf' in rejected('restore', 'q1', 'other.dcf')

@@ -24,7 +24,10 @@ def test_carriage_that_rolls_back_gets_no_direction(rig, rejected, back):
     motor = rig.drives[1].motor
     rig.later(2.4, lambda: motor.place(motor.carriage_position - back))
     assert 'push of q2 rejected: the carriage moved back' in rejected('direction', 'q2')
-    assert 'q2.direction' not in rig.parameters and 'direction q2' not in rig.overlay.steps()
+    assert (
+        'q2.direction' not in rig.parameters
+        and 'direction q2' not in rig.overlay.steps()
+    )
 
 
 @pytest.mark.parametrize('axis', ['q1', 'q2', 'q3'])
@@ -39,14 +42,17 @@ def test_jog_moves_all_carriages_equally(rig):
     before = rig.places
     assert rig.run('jog', 'q2', '-5') == 0
     assert [after - place for after, place in zip(rig.places, before, strict=True)] == (
-        pytest.approx([-0.005] * 3, abs=1e-4))
+        pytest.approx([-0.005] * 3, abs=1e-4)
+    )
     assert not rig.is_powered and 'jog q2' in rig.overlay.steps()
 
 
 def test_jog_of_one_carriage_keeps_the_others_still(rig):
     before = rig.places
     rig.run('jog', 'q2', '5', '--alone')
-    assert rig.places == pytest.approx([before[0], before[1] + 0.005, before[2]], abs=1e-4)
+    assert rig.places == pytest.approx(
+        [before[0], before[1] + 0.005, before[2]], abs=1e-4
+    )
 
 
 def test_jog_with_an_encoder_beyond_10_m_moves(rig):
@@ -57,10 +63,17 @@ def test_jog_with_an_encoder_beyond_10_m_moves(rig):
     assert rig.places[0] == pytest.approx(-0.095, abs=1e-4)
 
 
-@pytest.mark.parametrize('words', [
-    ('jog', 'q1', '201'), ('jog', 'q1', '0'), ('jog', 'q1', 'nan'),
-    ('jog', 'q1', '20', '--speed', '51'), ('jog', 'q1', '20', '--speed', '0.4'),
-    ('lead', 'q1', '--travel', '300')])
+@pytest.mark.parametrize(
+    'words',
+    [
+        ('jog', 'q1', '201'),
+        ('jog', 'q1', '0'),
+        ('jog', 'q1', 'nan'),
+        ('jog', 'q1', '20', '--speed', '51'),
+        ('jog', 'q1', '20', '--speed', '0.4'),
+        ('lead', 'q1', '--travel', '300'),
+    ],
+)
 def test_motion_beyond_its_bounds_is_rejected(rig, capsys, words):
     with pytest.raises(SystemExit):
         rig.run(*words)
@@ -89,16 +102,20 @@ def test_home_switch_is_found_and_its_method_written(make_rig, capsys):
 
 
 def test_switch_that_is_on_at_start_is_rejected(make_rig, rejected):
-    rig = make_rig('--start-positions', '0.1', '0.2', '-0.008', '--home-switch-opens').configured()
+    rig = make_rig(
+        '--start-positions', '0.1', '0.2', '-0.008', '--home-switch-opens'
+    ).configured()
     assert 'invert its input' in rejected(
-        'home-switch', 'q3', '--speed', '20', '--approaches', '1')
+        'home-switch', 'q3', '--speed', '20', '--approaches', '1'
+    )
     assert 'q3.homing_method' not in rig.parameters
 
 
 def test_missing_home_switch_is_rejected_with_power_off(make_rig, rejected):
     rig = make_rig('--start-positions', '0.1', '0.2', '0.3').configured()
     assert 'no change of the home switch within 3 mm' in rejected(
-        'home-switch', 'q3', '--window', '3', '--speed', '20')
+        'home-switch', 'q3', '--window', '3', '--speed', '20'
+    )
     assert not rig.is_powered
 
 
@@ -107,6 +124,5 @@ def test_measured_lag_equals_that_of_the_drives(make_rig, capsys, rate):
     rig = make_rig('--lag', '0.012').configured(**{'controller.rate': rate})
     rig.drives[2].motor.lag = 0.016
     assert rig.run('lag') == 0
-    assert rig.parameters['controller.drive_lag'] == pytest.approx(
-        0.0133, abs=0.001)
+    assert rig.parameters['controller.drive_lag'] == pytest.approx(0.0133, abs=0.001)
     assert '! q3: its lag differs by' in capsys.readouterr().out

@@ -17,13 +17,17 @@ def speeds(rig):
 
 def during(rig, rejected, act):
     """Run a command and let an event happen during its motion; return the command's message."""
+
     def check_and_act():
         assert min(speeds(rig)) > 0.01
         act()
 
     rig.later(MOVING, check_and_act)
     said = rejected(*JOG)
-    assert 'Written into machine.yaml: nothing' in said and 'jog q1' not in rig.overlay.steps()
+    assert (
+        'Written into machine.yaml: nothing' in said
+        and 'jog q1' not in rig.overlay.steps()
+    )
     return said
 
 
@@ -31,15 +35,24 @@ def fall_silent(rig):
     rig.drives[1].is_silent = True
 
 
-@pytest.mark.parametrize(('act', 'message'), [
-    (raising(KeyboardInterrupt), 'interrupted'), (fall_silent, 'q2 (node 2)'),
-    (lambda rig: rig.drives[1].inject_fault(0x2310),
-     'current is too high (error code 2310h); the carriages are stopped; next: check the '
-     'motor cable'),
-    (lambda rig: rig.drives[1].inject_fault(0x8611),
-     'error is beyond its window (error code 8611h); the carriages are stopped'),
-    (lambda rig: rig.deliver([(0x701, bytes(1))]), 'q1 (node 1) has restarted'),
-    (lambda rig: rig.deliver([(0x77F, b'\x05')]), 'another master is on the bus')])
+@pytest.mark.parametrize(
+    ('act', 'message'),
+    [
+        (raising(KeyboardInterrupt), 'interrupted'),
+        (fall_silent, 'q2 (node 2)'),
+        (
+            lambda rig: rig.drives[1].inject_fault(0x2310),
+            'current is too high (error code 2310h); the carriages are stopped; next: check the '
+            'motor cable',
+        ),
+        (
+            lambda rig: rig.drives[1].inject_fault(0x8611),
+            'error is beyond its window (error code 8611h); the carriages are stopped',
+        ),
+        (lambda rig: rig.deliver([(0x701, bytes(1))]), 'q1 (node 1) has restarted'),
+        (lambda rig: rig.deliver([(0x77F, b'\x05')]), 'another master is on the bus'),
+    ],
+)
 def test_event_during_a_motion_stops_all_without_power(rig, rejected, act, message):
     assert message in during(rig, rejected, lambda: act(rig))
     assert not rig.is_powered and max(speeds(rig)) < 1e-3
@@ -63,12 +76,16 @@ def test_drive_without_dead_master_stop_does_not_move(rig, tmp_path, rejected):
 
 
 def test_profile_without_homing_in_place_is_rejected(rig, tmp_path, rejected):
-    rig.configured(own_profile(tmp_path, homing_methods=[17, 18]), **{'q1.homing_method': 17})
+    rig.configured(
+        own_profile(tmp_path, homing_methods=[17, 18]), **{'q1.homing_method': 17}
+    )
     assert 'add 37 or 35 to its homing_methods' in rejected(*JOG)
 
 
 @pytest.mark.parametrize('answer', ['n', '', raising(EOFError)])
 def test_answer_other_than_yes_powers_no_drive(rig, rejected, answer):
     rig.answers['Do this'] = answer
-    assert ('no answer' if callable(answer) else 'nothing was done') in rejected(*JOG, yes=False)
+    assert ('no answer' if callable(answer) else 'nothing was done') in rejected(
+        *JOG, yes=False
+    )
     assert not rig.is_powered and rig.places == pytest.approx([-0.1, 0.1, 0.0])

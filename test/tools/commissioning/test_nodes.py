@@ -17,13 +17,22 @@ def test_scan_lists_drives_and_profiles(rig, capsys):
     assert rig.run('scan') == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split() for line in lines[1:4]] == [
-        [str(node), str(node), '0', '0', 'simulated'] for node in (1, 2, 3)]
+        [str(node), str(node), '0', '0', 'simulated'] for node in (1, 2, 3)
+    ]
 
 
-@pytest.mark.parametrize(('new', 'is_silent', 'message'), [
-    ('1', False, '3 drives have node id 1 (serial numbers 4711, 4712, 4713); next: commission'),
-    ('255', False, 'a drive has no node id; next: commission assign'),
-    ('1', True, 'q1 (node 1) does not answer; next: check power, plug')])
+@pytest.mark.parametrize(
+    ('new', 'is_silent', 'message'),
+    [
+        (
+            '1',
+            False,
+            '3 drives have node id 1 (serial numbers 4711, 4712, 4713); next: commission',
+        ),
+        ('255', False, 'a drive has no node id; next: commission assign'),
+        ('1', True, 'q1 (node 1) does not answer; next: check power, plug'),
+    ],
+)
 def test_scan_names_each_problem(make_rig, rejected, new, is_silent, message):
     for drive in make_rig('--new', new).drives:
         drive.is_silent = is_silent
@@ -47,8 +56,10 @@ class CanopenNode(LssSlave):
         return super().receive(data, active)
 
 
-@pytest.mark.parametrize('makes', [
-    [LssSlave] * 3, [Lely] * 3, [CanopenNode] * 3, [Lely, CanopenNode, LssSlave]])
+@pytest.mark.parametrize(
+    'makes',
+    [[LssSlave] * 3, [Lely] * 3, [CanopenNode] * 3, [Lely, CanopenNode, LssSlave]],
+)
 @pytest.mark.parametrize('new', ['1', '255'])
 def test_new_drives_get_the_node_ids_of_their_carriages(make_rig, new, makes):
     rig = make_rig('--new', new)
@@ -58,7 +69,11 @@ def test_new_drives_get_the_node_ids_of_their_carriages(make_rig, new, makes):
     assert not any(drive.lss.is_selected for drive in rig.drives)
     rig.power_cut()
     assert [drive.node_id for drive in rig.drives] == [2, 3, 1]
-    assert [rig.parameters[f'q{node}.serial_number'] for node in (1, 2, 3)] == [4713, 4711, 4712]
+    assert [rig.parameters[f'q{node}.serial_number'] for node in (1, 2, 3)] == [
+        4713,
+        4711,
+        4712,
+    ]
 
 
 class Wire(durand.network.NetworkABC):
@@ -89,7 +104,11 @@ class ForeignSlave(durand.MinimalNode):
     def __init__(self, serial: int, kind: int, keeps: bool = True) -> None:
         self.stored, self.keeps = 1, keeps
         super().__init__(Wire(), self.stored)
-        for index, subindex, value in ((0x1000, 0, kind), (0x1018, 1, 0xFB), (0x1018, 4, serial)):
+        for index, subindex, value in (
+            (0x1000, 0, kind),
+            (0x1018, 1, 0xFB),
+            (0x1018, 4, serial),
+        ):
             self.object_dictionary.write(index, subindex, value)
         self.lss.set_store_configuration_callback(self._store)
         self.network.add_subscription(0, self._on_nmt)
@@ -117,8 +136,11 @@ def add_foreign(rig, *slaves: ForeignSlave) -> None:
 
 def test_assign_sets_foreign_drives_and_skips_io_modules(make_rig):
     rig = make_rig('--new')
-    slaves = [ForeignSlave(50, DRIVE), ForeignSlave(60, IO_MODULE),
-              *(ForeignSlave(one, DRIVE) for one in SERIALS)]
+    slaves = [
+        ForeignSlave(50, DRIVE),
+        ForeignSlave(60, IO_MODULE),
+        *(ForeignSlave(one, DRIVE) for one in SERIALS),
+    ]
     add_foreign(rig, *slaves)
     assert rig.run(*ASSIGN) == 0
     assert [slave.stored for slave in slaves] == [1, 1, 2, 3, 1]
@@ -128,16 +150,29 @@ def test_assign_sets_foreign_drives_and_skips_io_modules(make_rig):
 
 def test_foreign_slave_not_storing_its_node_id_is_named(make_rig, rejected):
     rig = make_rig('--new')
-    add_foreign(rig, *(ForeignSlave(one, DRIVE, keeps=one != SERIALS[1]) for one in SERIALS))
+    add_foreign(
+        rig, *(ForeignSlave(one, DRIVE, keeps=one != SERIALS[1]) for one in SERIALS)
+    )
     said = rejected(*ASSIGN)
     assert 'node 3 sent no boot-up message in 5 s' in said
-    assert 'q2 has stored node id 2 (serial number 4711)' in said and 'q3 has' not in said
+    assert (
+        'q2 has stored node id 2 (serial number 4711)' in said and 'q3 has' not in said
+    )
 
 
 # --- what ends an assignment
 
-@pytest.mark.parametrize('frame', [
-    (0x77F, b'\x05'), (0x80, b''), (0x000, b'\x80\x09'), (0x202, bytes(7)), (0x602, bytes(8))])
+
+@pytest.mark.parametrize(
+    'frame',
+    [
+        (0x77F, b'\x05'),
+        (0x80, b''),
+        (0x000, b'\x80\x09'),
+        (0x202, bytes(7)),
+        (0x602, bytes(8)),
+    ],
+)
 def test_commands_are_rejected_beside_another_master(make_rig, rejected, frame):
     rig = make_rig('--new')
     rig.later(0.3, lambda: rig.deliver([frame]))
@@ -155,23 +190,36 @@ def test_drives_without_lss_need_the_tool_of_their_maker(make_rig, rejected):
 def test_missing_serial_number_names_the_axis(make_rig, rejected):
     make_rig('--new')
     assert 'no drive was found by fastscan for q3' in rejected(
-        'assign', '--serials', '4711', '4712', '1')
+        'assign', '--serials', '4711', '4712', '1'
+    )
 
 
 def test_equal_serial_numbers_are_rejected_before_the_first_frame(make_rig, rejected):
     rig = make_rig('--new')
     assert '--serials 4711 4711 4712 rejected' in rejected(
-        'assign', '--serials', '4711', '4711', '4712')
+        'assign', '--serials', '4711', '4711', '4712'
+    )
     assert {drive.lss.pending for drive in rig.drives} == {1}
 
 
-@pytest.mark.parametrize(('at', 'message', 'stored'), [
-    ('Do this', 'interrupted', [1, 1, 1]),
-    ('4711', 'interrupted\nDrives without a stored node id', [1, 1, 1]),
-    ('4712', 'q2 has stored node id 2 (serial number 4711)', [2, 1, 1])])
-def test_interrupted_assign_states_the_stored_node_ids(make_rig, rejected, at, message, stored):
+@pytest.mark.parametrize(
+    ('at', 'message', 'stored'),
+    [
+        ('Do this', 'interrupted', [1, 1, 1]),
+        ('4711', 'interrupted\nDrives without a stored node id', [1, 1, 1]),
+        ('4712', 'q2 has stored node id 2 (serial number 4711)', [2, 1, 1]),
+    ],
+)
+def test_interrupted_assign_states_the_stored_node_ids(
+    make_rig, rejected, at, message, stored
+):
     rig = make_rig('--new')
-    rig.answers = {'4711': 'q2', '4712': 'q3', '4713': 'q1', at: raising(KeyboardInterrupt)}
+    rig.answers = {
+        '4711': 'q2',
+        '4712': 'q3',
+        '4713': 'q1',
+        at: raising(KeyboardInterrupt),
+    }
     said = rejected('assign', yes=False)
     assert message in said and 'Written into machine.yaml: nothing' in said
     assert [drive.lss.stored for drive in rig.drives] == stored

@@ -10,7 +10,9 @@ from facade_manipulator.tools.commissioning.context import Overlay
 def test_status_lists_the_steps_and_the_next_command(rig, capsys):
     rig.run()
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split() == ['scan', '-'] and lines[1].startswith('assign              20')
+    assert lines[0].split() == ['scan', '-'] and lines[1].startswith(
+        'assign              20'
+    )
     assert lines[-1] == 'next: commission scan'
     for step in STEPS:
         rig.overlay.write(step, {})
@@ -24,9 +26,13 @@ def test_parameter_file_before_the_command_is_used(tmp_path, capsys):
     assert str(absent) in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('text', [
-    b'/**/driver:\r\n  ros__parameters:\r\n    q2: {direction: 1, lead: 0.03}  # mine\r\n',
-    b'/gondola_1/driver: {ros__parameters: {q2: {direction: 1, lead: 0.03}}}\n'])
+@pytest.mark.parametrize(
+    'text',
+    [
+        b'/**/driver:\r\n  ros__parameters:\r\n    q2: {direction: 1, lead: 0.03}  # mine\r\n',
+        b'/gondola_1/driver: {ros__parameters: {q2: {direction: 1, lead: 0.03}}}\n',
+    ],
+)
 def test_overlay_overrides_the_user_file(tmp_path, text):
     own, target = tmp_path / 'own.yaml', tmp_path / 'elsewhere.yaml'
     target.write_bytes(text)
@@ -34,7 +40,9 @@ def test_overlay_overrides_the_user_file(tmp_path, text):
     overlay = Overlay(tmp_path / 'machine.yaml')
     overlay.write('direction q2', {'q2.direction': -1})
     assert read_parameters([own, overlay.path], 'driver') == {
-        'q2.direction': -1, 'q2.lead': 0.03}
+        'q2.direction': -1,
+        'q2.lead': 0.03,
+    }
     assert own.is_symlink() and target.read_bytes() == text
 
 
@@ -44,21 +52,27 @@ def test_overlay_keeps_its_other_parameters_and_steps(tmp_path):
     overlay.write('lead q2', {'q2.lead': 0.01})
     overlay.write('direction q2', {'q2.direction': -1})
     assert read_parameters([overlay.path], 'driver') == {
-        'geometry.link_length': 0.36, 'q2.lead': 0.01, 'q2.direction': -1}
+        'geometry.link_length': 0.36,
+        'q2.lead': 0.01,
+        'q2.direction': -1,
+    }
     assert list(overlay.steps()) == ['lead q2', 'direction q2']
 
 
 def test_parameter_that_the_user_file_overrides_is_rejected(rig, tmp_path, rejected):
     (tmp_path / 'manipulator.yaml').write_text(
         '/**/driver: {ros__parameters: {q1: {lead: 0.02}}}\n'
-        '/gondola_1/driver: {ros__parameters: {q1: {lead: 0.02}}}\n')
+        '/gondola_1/driver: {ros__parameters: {q1: {lead: 0.02}}}\n'
+    )
     rig.overlay.write('lead q1', {})
     said = rejected('lead', 'q1', '--travel', '6', '--measured', '3')
     assert 'q1.lead: 0.01 has no effect: manipulator.yaml overrides it' in said
     assert 'lead q1' not in rig.overlay.steps()
 
 
-@pytest.mark.parametrize('text', ['[', 'just words', '/**/driver: {ros__parameters: 3}'])
+@pytest.mark.parametrize(
+    'text', ['[', 'just words', '/**/driver: {ros__parameters: 3}']
+)
 def test_overlay_with_another_structure_is_unchanged(rig, rejected, text):
     rig.overlay.path.write_text(text)
     assert 'machine.yaml' in rejected('scan')

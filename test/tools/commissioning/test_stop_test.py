@@ -17,9 +17,13 @@ def test_stopping_distances_are_measured_and_recorded(make_rig, capsys):
     rig = make_rig('--coasting', '1.6').configured()
     assert rig.run('stop-test') == 0
     said = capsys.readouterr().out
-    assert float(re.search(r'--coasting ([\d.]+)', said)[1]) == pytest.approx(1.6, rel=0.1)
-    quick, off = (float(re.search(rf'q1: {way}, ([\d.]+) of', said)[1])
-                  for way in ('quick stop', 'power off'))
+    assert float(re.search(r'--coasting ([\d.]+)', said)[1]) == pytest.approx(
+        1.6, rel=0.1
+    )
+    quick, off = (
+        float(re.search(rf'q1: {way}, ([\d.]+) of', said)[1])
+        for way in ('quick stop', 'power off')
+    )
     assert 0.0 < quick < off
     assert 'stop-test' in rig.overlay.steps() and not rig.is_powered
 
@@ -32,9 +36,16 @@ def ignores_the_master(drive) -> None:
     drive.axis.lose_connection = lambda: None
 
 
-@pytest.mark.parametrize(('spoil', 'problem'), [
-    (is_weak, '! q1: quick stop does not stop it in time; next: check 6085h'),
-    (ignores_the_master, '! q1: silent master does not stop it in time; next: check 1016h')])
+@pytest.mark.parametrize(
+    ('spoil', 'problem'),
+    [
+        (is_weak, '! q1: quick stop does not stop it in time; next: check 6085h'),
+        (
+            ignores_the_master,
+            '! q1: silent master does not stop it in time; next: check 1016h',
+        ),
+    ],
+)
 def test_drive_that_stops_late_is_named(rig, capsys, spoil, problem):
     spoil(rig.drives[0])
     assert rig.run('stop-test') == 1
@@ -64,5 +75,10 @@ def test_stop_test_asks_only_once(rig):
 
 
 def test_carriage_that_never_stops_is_rejected(rig, monkeypatch, rejected):
-    monkeypatch.setattr('facade_manipulator.tools.commissioning.stop_test._LONGEST', 0.02)
-    assert 'a carriage still moves after 0.02 s; next: use the emergency stop' in rejected(*SLOW)
+    monkeypatch.setattr(
+        'facade_manipulator.tools.commissioning.stop_test._LONGEST', 0.02
+    )
+    assert (
+        'a carriage still moves after 0.02 s; next: use the emergency stop'
+        in rejected(*SLOW)
+    )

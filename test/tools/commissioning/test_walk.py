@@ -14,10 +14,25 @@ from facade_manipulator.resources import config_path
 from facade_manipulator.tools.commissioning.__main__ import _parser, STEPS
 from facade_manipulator.tools.commissioning.context import Context
 
-PAGE = (Path(facade_manipulator.__file__).parents[1] / 'docs' / 'commissioning.md').read_text()
+PAGE = (
+    Path(facade_manipulator.__file__).parents[1] / 'docs' / 'commissioning.md'
+).read_text()
 PREFIX = 'ros2 run facade_manipulator commission'
-NEW = ('--new', '--directions', '1', '-1', '1', '--leads', '0.02', '0.02', '0.01',
-       '--start-positions', '-0.1', '0.1', '-0.05')
+NEW = (
+    '--new',
+    '--directions',
+    '1',
+    '-1',
+    '1',
+    '--leads',
+    '0.02',
+    '0.02',
+    '0.01',
+    '--start-positions',
+    '-0.1',
+    '0.1',
+    '-0.05',
+)
 
 
 BLOCK = rf'```\n((?: *{PREFIX}[^\n]*\n)+) *```\n(?:\s*```text\n(.*?)```)?'
@@ -26,8 +41,13 @@ BLOCK = rf'```\n((?: *{PREFIX}[^\n]*\n)+) *```\n(?:\s*```text\n(.*?)```)?'
 def steps():
     """Yield the commands of each block, and the lines that the page shows for them."""
     for block, shown in re.findall(BLOCK, PAGE, re.DOTALL):
-        yield [shlex.split(line.strip().removeprefix(PREFIX)) for line in block.splitlines()], [
-            line.strip() for line in shown.splitlines()]
+        yield (
+            [
+                shlex.split(line.strip().removeprefix(PREFIX))
+                for line in block.splitlines()
+            ],
+            [line.strip() for line in shown.splitlines()],
+        )
 
 
 @pytest.mark.long
@@ -35,7 +55,9 @@ def test_commissioning_page_leads_to_a_machine_that_homes(make_rig, capsys):
     rig = make_rig(*NEW)
     rig.drives[1].objects.stored[0x6084, 0] = 12345  # changed by a previous user
     rig.power_cut()
-    rig.answers = {'serial number ([0-9]+)': lambda found: AXES[SERIALS.index(int(found[1]))]}
+    rig.answers = {
+        'serial number ([0-9]+)': lambda found: AXES[SERIALS.index(int(found[1]))]
+    }
     for commands, shown in steps():
         for words in commands:
             if words[:1] == ['direction']:
@@ -43,7 +65,8 @@ def test_commissioning_page_leads_to_a_machine_that_homes(make_rig, capsys):
             mark = rig.places
             number = AXES.index(words[1]) if words[:1] == ['lead'] else 0
             rig.answers['by the ruler'] = lambda _, mark=mark, number=number: (
-                f'{1e3 * (rig.places[number] - mark[number]):.2f}')
+                f'{1e3 * (rig.places[number] - mark[number]):.2f}'
+            )
             is_first = words == ['scan'] and 'assign' not in rig.overlay.steps()
             assert rig.run(*words, yes=False) == int(is_first)
         said = ''.join(capsys.readouterr())
@@ -53,7 +76,9 @@ def test_commissioning_page_leads_to_a_machine_that_homes(make_rig, capsys):
     assert rig.overlay.steps().keys() >= {*STEPS}
     axes = Context(_parser().parse_args([])).axes
     assert [axis.direction for axis in axes.values()] == [1, -1, 1]
-    assert [axis.lead for axis in axes.values()] == pytest.approx([0.02, 0.02, 0.01], rel=2e-3)
+    assert [axis.lead for axis in axes.values()] == pytest.approx(
+        [0.02, 0.02, 0.01], rel=2e-3
+    )
     for drive, place in zip(rig.drives, (-0.1, 0.1, 0.03), strict=True):
         drive.motor.place(place)  # parked beside the switch that q3 searches for
     machine = Rig(axes=tuple(axes.values()), drives=rig.drives)
