@@ -150,8 +150,8 @@ class JumpDetector:
             share = np.minimum(np.maximum(share, -1.0), 1.0)
         push = share * (2.0 * along - share * squares)
         ends = -np.sign(errors[-1]) * _explained(errors[:begin], weights[:begin])
-        jump = abs(_explained(errors, weights)).max()
-        return jump, jump - push.max() - ends.max(initial=0.0)
+        jump = float(abs(_explained(errors, weights)).max())
+        return jump, jump - float(push.max() + ends.max(initial=0.0))
 
 
 def _explained(errors: np.ndarray, weights: np.ndarray) -> np.ndarray:
