@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from facade_manipulator.covariance import used_variance
 from facade_manipulator.estimation import model, start
 from facade_manipulator.estimation.channel import Channel, Level, OUTLIER
 from facade_manipulator.estimation.history import History, mean_input, Measurement, Step
@@ -139,10 +140,10 @@ class DisturbanceEstimator:
         now: float,
         stamp: float,
         value: float,
-        variance: float | None = None,
+        variance: float = 0.0,
     ) -> None:
         """
-        Add a measurement [m or rad] of a sensor, with its variance [m² or rad²] if known.
+        Add a measurement [m or rad] of a sensor, with its variance [m² or rad²], 0 if unknown.
 
         Raises
         ------
@@ -169,7 +170,7 @@ class DisturbanceEstimator:
                     name,
                     stamp,
                     value,
-                    sensor.noise**2 if variance is None else variance,
+                    used_variance(variance, sensor.noise),
                 )
             )
 

@@ -16,6 +16,8 @@ OLDEST, LEAD = (
     0.3,
     0.01,
 )  # s: maximum age of a measurement, and maximum difference of clocks
+# maximum turning rate [rad/s] and acceleration [m/s²]: beyond them an IMU is saturated or broken
+LARGEST_RATE, LARGEST_FORCE = 4.0, 30.0
 MOST_IN_G = 1.7  # maximum acceleration at rest [m/s²] that means an IMU with the unit g
 SETTLING = 0.005  # share of a measurement in the mean acceleration
 UPRIGHT = 0.8  # minimum share of the acceleration along the rail's z: 37 degrees
@@ -81,9 +83,9 @@ class ImuGate:
             mean + SETTLING * (force - mean)
             for mean, force in zip(self._mean, forced, strict=True)
         ]
-        for what, value, bound, unit in (  # beyond them an IMU is saturated or broken
-            ('turning rate', max(map(abs, rates)), 4.0, 'rad/s'),
-            ('acceleration', math.hypot(*forces), 30.0, 'm/s^2'),
+        for what, value, bound, unit in (
+            ('turning rate', max(map(abs, rates)), LARGEST_RATE, 'rad/s'),
+            ('acceleration', math.hypot(*forces), LARGEST_FORCE, 'm/s^2'),
         ):
             if value >= bound:
                 raise InputError(

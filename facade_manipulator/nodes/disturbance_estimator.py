@@ -14,9 +14,11 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu, Range
 
 from facade_manipulator import topics
+from facade_manipulator.covariance import is_measured
 from facade_manipulator.errors import InputError
 from facade_manipulator.estimation.channel import Channel
 from facade_manipulator.estimation.estimator import DisturbanceEstimator, RailMotion
+from facade_manipulator.estimation.inputs import LARGEST_FORCE, LARGEST_RATE
 from facade_manipulator.estimation.settings import EstimatorSetup, SensorNames
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import POSE_AXES
@@ -27,7 +29,12 @@ from facade_manipulator.nodes.conversions import (
     steady_timer,
 )
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
-from facade_manipulator.nodes.messages import estimated_pose, Frames, seconds
+from facade_manipulator.nodes.messages import (
+    estimated_pose,
+    Frames,
+    require_measured,
+    seconds,
+)
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
@@ -70,17 +77,12 @@ class DisturbanceEstimatorNode(Node):
         steady_timer(self, PERIOD, self._publish)
 
     def _receive_imu(self, message: Imu) -> None:
-        """Add rates and accelerations; a covariance that begins with -1 marks missing values."""
-        for quantity, covariance in (
-            ('turning rate', message.angular_velocity_covariance[0]),
-            ('acceleration', message.linear_acceleration_covariance[0]),
+        """Add rates and accelerations, unless a covariance marks one as not measured."""
+        for quantity, covariance, largest in (
+            ('turning rate', message.angular_velocity_covariance, LARGEST_RATE),
+            ('acceleration', message.linear_acceleration_covariance, LARGEST_FORCE),
         ):
-            if covariance < 0.0:
-                raise InputError(
-                    'not_measured',
-                    f'imu rejected: covariance of {quantity} begins '
-                    f'with {covariance:g}, which marks a missing value',
-                )
+            require_measured(f'imu {quantity}', covariance[0], largest)
         rates, forces = message.angular_velocity, message.linear_acceleration
         self._estimator.add_imu(
             ros_time(),
@@ -96,6 +98,7 @@ class DisturbanceEstimatorNode(Node):
                 f'{name} = {message.range:.4g} m is not between its '
                 f'{message.min_range:.4g} and {message.max_range:.4g} m',
             )
+        require_measured(name, message.variance)
         self._estimator.add(
             name, ros_time(), seconds(message.header.stamp), message.range
         )
@@ -106,18 +109,12 @@ class DisturbanceEstimatorNode(Node):
         )
 
     def _receive_pose(self, name: str, message: PoseWithCovarianceStamped) -> None:
-        """Add the axes with a finite variance that is not negative; 0 means the default."""
+        """Add the measured axes of a pose."""
         now, time = ros_time(), seconds(message.header.stamp)
         pose, _, variances = estimated_pose(message, name)
         for axis, value, variance in zip(Pose._fields, pose, variances, strict=True):
-            if not (variance < 0.0 or variance == math.inf):
-                self._estimator.add(
-                    f'{name}.{axis}',
-                    now,
-                    time,
-                    value,
-                    variance if variance > 0.0 else None,
-                )
+            if is_measured(variance):
+                self._estimator.add(f'{name}.{axis}', now, time, value, variance)
 
     def _publish(self) -> None:
         motion = self._motion = self._estimator.advance(ros_time())

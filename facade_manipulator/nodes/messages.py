@@ -12,6 +12,7 @@ import math
 from reprlib import repr as quoted  # shortens any text that is received
 from typing import Any, NamedTuple
 
+from facade_manipulator.covariance import is_measured, LARGEST_DEVIATION
 from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.kinematics import Carriages, Pose, Wrench
 
@@ -164,6 +165,18 @@ def estimated_pose(
     """Return pose [m, m, rad], difference from the plane, and variances of a message."""
     x, y, yaw = (float(message.pose.covariance[k]) for k in VARIANCES)
     return *projected(message.pose.pose, name), (x, y, yaw)
+
+
+def require_measured(
+    name: str, variance: float, largest_deviation: float = LARGEST_DEVIATION
+) -> None:
+    """Reject a value that its variance marks as not measured, with reason ``'not_measured'``."""
+    if not is_measured(variance, largest_deviation):
+        raise InputError(
+            'not_measured',
+            f'{name} rejected: its variance = {variance:g} marks a value that was not '
+            f'measured, expected 0 to {largest_deviation**2:g}; next: check the sensor',
+        )
 
 
 def carriages_from(

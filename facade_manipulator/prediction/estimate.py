@@ -13,8 +13,10 @@ import math
 from operator import mul
 from typing import NamedTuple
 
+from facade_manipulator.covariance import is_measured, used_variance
 from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.kinematics import compose, invert, Pose, ZERO_POSE
+from facade_manipulator.kinematics.planar import subtract
 from facade_manipulator.parameters import parameter, settings
 
 OLDEST_ESTIMATE = 0.3  # s: an older estimate is stale
@@ -23,12 +25,12 @@ FUTURE_TOLERANCE = (
 )
 FASTEST = 1.0  # m/s or rad/s: a gondola is slower
 LARGEST_JUMP = 0.03  # m or rad, change between two estimates in addition to FASTEST
-MIN_NOISE = 1e-4  # m or rad, standard deviation: with less, a filter would ignore all other data
 # Minimum interval between two estimates that the predictor learns from [s]: learning at 100 Hz
 # would be the largest part of the processor time of the compensator. An estimate older than the
 # previous estimate by less than this is in order, because it is skipped.
 MIN_INTERVAL = 0.015
 LARGEST_TILT = 0.05  # rad out of the plane: a smaller tilt is ignored
+ROUNDING = 1e-9  # m or 1: a smaller derivative of the rail's pose is zero
 # name, unit and largest displacement, which is several times the correction of the head
 AXES = (('x', 'm', 2.0), ('y', 'm', 2.0), ('theta', 'rad', 0.6))
 
@@ -112,10 +114,15 @@ class EstimateGate:
             settings.position_noise,
             settings.yaw_noise,
         )
-        self._mounting = x, y, _ = Pose(*settings.mounting)
-        sine, cosine = math.sin(settings.axes) ** 2, math.cos(settings.axes) ** 2
+        self._mounting = Pose(*settings.mounting)
+        cosine = _square(math.cos(settings.axes))
+        sine = _square(math.sin(settings.axes))
         # squared derivatives of the rail's x, y, theta by the published ones
-        self._squares = (cosine, sine, y * y), (sine, cosine, x * x), (0.0, 0.0, 1.0)
+        self._squares = (
+            (cosine, sine, _square(self._mounting.y)),
+            (sine, cosine, _square(self._mounting.x)),
+            (0.0, 0.0, 1.0),
+        )
 
     def check(
         self,
@@ -135,9 +142,8 @@ class EstimateGate:
         pose : Pose
             Published disturbance [m, m, rad].
         variances : sequence of float
-            Variances of x, y and θ [m², m², rad²]; 0, negative or NaN means an unknown variance.
-            Above the largest deviation, also infinite, the position of the axis is unknown. Its
-            next known position may be anywhere.
+            Variances of x, y and θ [m², m², rad²], by the rule of `covariance`. The position of
+            an axis that was not measured is unknown. Its next known position may be anywhere.
         tilt : float
             Angle of the rail out of the plane [rad].
 
@@ -151,44 +157,72 @@ class EstimateGate:
 
         """
         stamp -= self.settings.delay
-        known = tuple(
-            not largest**2 < variance
-            for largest, variance in zip(
-                self.settings.largest_deviation, variances, strict=True
-            )
-        )
-        for (name, unit, largest), value, is_known in zip(
-            AXES, pose, known, strict=True
-        ):
+        for (name, _, _), value in zip(AXES, pose, strict=True):
             if not math.isfinite(value):
                 raise InputError.not_finite(f'disturbance {name}', value)
-            if is_known and abs(value) > largest:
-                raise InputError(
-                    'range',
-                    f'disturbance {name} = {value:.4g} {unit} is beyond ±{largest:g} '
-                    f'{unit}; next: check its unit and origin',
-                )
         if tilt > LARGEST_TILT:
             raise InputError(
                 'out_of_plane',
                 f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
                 f'{LARGEST_TILT:g} rad; next: check the estimator',
             )
+        measured = tuple(
+            [
+                is_measured(variance, largest)
+                for variance, largest in zip(
+                    variances, self.settings.largest_deviation, strict=True
+                )
+            ]
+        )
+        place = self._of_rail(pose)
+        known = tuple([self._is_known(row, measured) for row in self._squares])
+        self._check_range(pose, measured)
         require_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
         if self._last.stamp - now > FUTURE_TOLERANCE:
             self._last = (
                 NO_ESTIMATE  # the clock was set back: its stamps are meaningless
             )
-        self._check_step(stamp, pose, known)
-        spread = tuple(
+        self._check_step(stamp, pose, measured)
+
+        published = tuple(
             [
-                max(variance, MIN_NOISE**2) if 0.0 < variance < math.inf else noise**2
-                for variance, noise in zip(variances, self._noise, strict=True)
+                used_variance(variance, noise) if is_axis_measured else noise**2
+                for variance, noise, is_axis_measured in zip(
+                    variances, self._noise, measured, strict=True
+                )
             ]
         )
         if stamp > self._last.stamp:
-            self._last = Estimate(stamp, pose, spread, known)
-        return self._of_rail(stamp, pose, spread, known)
+            self._last = Estimate(stamp, pose, published, measured)
+        return self._estimate(stamp, place, published, known)
+
+    def _of_rail(self, pose: Pose) -> Pose:
+        """Return the pose of the rail for a published disturbance."""
+        x, y, _ = compose(self._mounting._replace(theta=self.settings.axes), pose)
+        return compose(Pose(x, y, pose.theta), invert(self._mounting))
+
+    @staticmethod
+    def _is_known(squares: Sequence[float], measured: Sequence[bool]) -> bool:
+        """Return whether all published axes that an axis of the rail depends on were measured."""
+        return all(
+            [
+                is_axis_measured or not square
+                for square, is_axis_measured in zip(squares, measured, strict=True)
+            ]
+        )
+
+    @staticmethod
+    def _check_range(place: Pose, known: Sequence[bool]) -> None:
+        """Reject a published pose with a known axis that no gondola reaches."""
+        for (name, unit, largest), value, is_known in zip(
+            AXES, place, known, strict=True
+        ):
+            if is_known and not abs(value) <= largest:  # NaN after an overflow
+                raise InputError(
+                    'range',
+                    f'disturbance {name} = {value:.4g} {unit} is beyond ±{largest:g} '
+                    f'{unit}; next: check its unit and origin',
+                )
 
     def _check_step(self, stamp: float, pose: Pose, known: Sequence[bool]) -> None:
         """Reject a stamp that is out of order, and an impossible change of a known axis."""
@@ -196,64 +230,43 @@ class EstimateGate:
         if elapsed <= -MIN_INTERVAL or elapsed == 0.0:
             raise InputError.out_of_order('disturbance', -elapsed)
         allowed = LARGEST_JUMP + FASTEST * abs(elapsed)
-        for (name, unit, _), before, value, was_known, is_known in zip(
-            AXES, last.pose, pose, last.known, known, strict=True
+        for (name, unit, _), change, was_known, is_known in zip(
+            AXES, subtract(pose, last.pose), last.known, known, strict=True
         ):
-            change = abs(value - before)
-            if was_known and is_known and change > allowed:
+            if was_known and is_known and abs(change) > allowed:
                 raise InputError(
                     'jump',
-                    f'disturbance {name} jumps by {change:.4g} {unit} in {elapsed:.3f} s, '
-                    f'bound {allowed:.4g} {unit}; next: check the estimator',
+                    f'disturbance {name} jumps by {abs(change):.4g} {unit} in '
+                    f'{elapsed:.3f} s, bound {allowed:.4g} {unit}; next: check the estimator',
                 )
 
-    def _of_rail(
+    def _estimate(
         self,
         stamp: float,
-        pose: Pose,
-        variances: Sequence[float],
+        place: Pose,
+        published: Sequence[float],
         known: tuple[bool, ...],
     ) -> Estimate:
         """Return the estimate of the rail, at rest along unknown axes."""
-        x, y, _ = compose(self._mounting._replace(theta=self.settings.axes), pose)
-        place = compose(Pose(x, y, pose.theta), invert(self._mounting))
-        spread = [sum(map(mul, row, variances)) for row in self._squares]
-        found = (
-            known
-            if all(known)
-            else tuple(
-                [
-                    all(
-                        [
-                            is_known or not square
-                            for square, is_known in zip(row, known, strict=True)
-                        ]
-                    )
-                    for row in self._squares
-                ]
-            )
-        )
         self._known = Pose(
             *[
                 new if is_known else last
-                for new, last, is_known in zip(place, self._known, found, strict=True)
+                for new, last, is_known in zip(place, self._known, known, strict=True)
             ]
         )
-        return Estimate(
-            stamp,
-            self._known,
-            tuple(
-                [
-                    variance if is_known else noise**2
-                    for variance, noise, is_known in zip(
-                        spread, self._noise, found, strict=True
-                    )
-                ]
-            ),
-            found,
-        )
+        variances = [
+            sum(map(mul, row, published)) if is_known else noise**2
+            for row, noise, is_known in zip(
+                self._squares, self._noise, known, strict=True
+            )
+        ]
+        return Estimate(stamp, self._known, tuple(variances), known)
 
     def displacement(self, place: Pose) -> Pose:
         """Return the displacement of an estimator from its place, along its axes [m, m, rad]."""
         x, y, _ = compose(Pose(0.0, 0.0, -self.settings.axes), self._mounting)
         return Pose(place.x - x, place.y - y, place.theta)
+
+
+def _square(derivative: float) -> float:
+    return 0.0 if abs(derivative) < ROUNDING else derivative * derivative

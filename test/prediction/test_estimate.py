@@ -8,6 +8,7 @@ from mechanism import published_motion
 import numpy as np
 import pytest
 
+from facade_manipulator.covariance import MIN_DEVIATION
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.prediction.estimate import (
@@ -15,7 +16,6 @@ from facade_manipulator.prediction.estimate import (
     EstimateGate,
     EstimateSettings,
     LARGEST_TILT,
-    MIN_NOISE,
 )
 
 NOW = 1000.0
@@ -148,6 +148,7 @@ def test_axis_known_again_may_be_anywhere():
         ({'mounting': (0.5, 0.0, 0.0)}, (1e-6, 1e-6, 1e6), (True, False, False)),
         ({'mounting': (0.0, 0.5, 0.0)}, (1e-6, 1e-6, 1e6), (False, True, False)),
         ({'axes': 0.3}, LOST, (False, False, True)),
+        ({'axes': 0.5 * math.pi}, LOST, (True, False, True)),
     ],
 )
 def test_unknown_axis_makes_dependent_axes_unknown(settings, variances, known):
@@ -157,12 +158,12 @@ def test_unknown_axis_makes_dependent_axes_unknown(settings, variances, known):
 @pytest.mark.parametrize(
     ('variance', 'expected', 'is_known'),
     [
-        *((value, None, True) for value in (0.0, -1.0, math.nan)),
-        (math.inf, None, False),
-        (1e-30, MIN_NOISE**2, True),
+        (0.0, None, True),
+        *((value, None, False) for value in (-1.0, math.nan, math.inf, -math.inf, 1.0)),
+        (1e-30, MIN_DEVIATION**2, True),
     ],
 )
-def test_unknown_or_small_variances_are_replaced(variance, expected, is_known):
+def test_missing_or_small_variances_are_replaced(variance, expected, is_known):
     settings = EstimateSettings()
     estimate = EstimateGate(settings).check(NOW, NOW, ZERO_POSE, (variance,) * 3)
     noise = settings.position_noise, settings.position_noise, settings.yaw_noise

@@ -10,14 +10,10 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from facade_manipulator.covariance import MIN_DEVIATION
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.prediction import predictor as module
-from facade_manipulator.prediction.estimate import (
-    FASTEST,
-    LARGEST_JUMP,
-    MIN_INTERVAL,
-    MIN_NOISE,
-)
+from facade_manipulator.prediction.estimate import FASTEST, LARGEST_JUMP, MIN_INTERVAL
 from facade_manipulator.prediction.predictor import (
     DisturbancePredictor,
     MAX_ACCELERATION,
@@ -184,7 +180,7 @@ shares = st.tuples(
 
 @given(
     st.lists(st.tuples(intervals, shares), min_size=1, max_size=60),
-    st.floats(MIN_NOISE, 0.1),
+    st.floats(MIN_DEVIATION, 0.1),
 )
 def test_bounded_estimates_give_a_bounded_prediction(changes, deviation):
     """The gate rejects larger changes, and the correction skips estimates at shorter intervals."""

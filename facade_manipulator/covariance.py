@@ -1,0 +1,24 @@
+"""
+Rule for the variances in all messages.
+
+A variance of zero means that the message has no covariance: the value is valid, and its noise is
+the default. A variance that is negative, not finite or too large marks a value that was not
+measured.
+"""
+
+from __future__ import annotations
+
+LARGEST_DEVIATION = 1.0  # m or rad: the noise of a sensor is at most this
+MIN_DEVIATION = 1e-4  # m or rad: with less, a filter would ignore all other data
+
+
+def is_measured(variance: float, largest_deviation: float = LARGEST_DEVIATION) -> bool:
+    """Return whether a variance is that of a measured value, by its maximum deviation."""
+    return 0.0 <= variance <= largest_deviation**2  # false for NaN
+
+
+def used_variance(variance: float, default_deviation: float) -> float:
+    """Return the variance with which a measured value is used [m² or rad²]."""
+    if variance == 0.0:
+        return default_deviation**2
+    return max(variance, MIN_DEVIATION**2)
