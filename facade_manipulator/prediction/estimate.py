@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from facade_manipulator.covariance import is_measured, used_variance
 from facade_manipulator.errors import InputError, require_recent
-from facade_manipulator.kinematics import compose, invert, Pose, ZERO_POSE
-from facade_manipulator.kinematics.planar import subtract
+from facade_manipulator.kinematics import compose, difference, invert, Pose, ZERO_POSE
+from facade_manipulator.kinematics.planar import wrap_angle
 from facade_manipulator.parameters import parameter, settings
 
 OLDEST_ESTIMATE = 0.3  # s: an older estimate is stale
@@ -176,7 +176,7 @@ class EstimateGate:
         )
         place = self._of_rail(pose)
         known = tuple([self._is_known(row, measured) for row in self._squares])
-        self._check_range(pose, measured)
+        self._check_range(place, known)
         require_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
         if self._last.stamp - now > FUTURE_TOLERANCE:
             self._last = (
@@ -197,9 +197,10 @@ class EstimateGate:
         return self._estimate(stamp, place, published, known)
 
     def _of_rail(self, pose: Pose) -> Pose:
-        """Return the pose of the rail for a published disturbance."""
+        """Return the pose of the rail for a published disturbance, with θ wrapped."""
         x, y, _ = compose(self._mounting._replace(theta=self.settings.axes), pose)
-        return compose(Pose(x, y, pose.theta), invert(self._mounting))
+        place = compose(Pose(x, y, pose.theta), invert(self._mounting))
+        return place._replace(theta=wrap_angle(place.theta))
 
     @staticmethod
     def _is_known(squares: Sequence[float], measured: Sequence[bool]) -> bool:
@@ -213,7 +214,7 @@ class EstimateGate:
 
     @staticmethod
     def _check_range(place: Pose, known: Sequence[bool]) -> None:
-        """Reject a published pose with a known axis that no gondola reaches."""
+        """Reject a pose of the rail with a known axis that no gondola reaches."""
         for (name, unit, largest), value, is_known in zip(
             AXES, place, known, strict=True
         ):
@@ -231,7 +232,7 @@ class EstimateGate:
             raise InputError.out_of_order('disturbance', -elapsed)
         allowed = LARGEST_JUMP + FASTEST * abs(elapsed)
         for (name, unit, _), change, was_known, is_known in zip(
-            AXES, subtract(pose, last.pose), last.known, known, strict=True
+            AXES, difference(pose, last.pose), last.known, known, strict=True
         ):
             if was_known and is_known and abs(change) > allowed:
                 raise InputError(

@@ -174,11 +174,29 @@ def test_missing_or_small_variances_are_replaced(variance, expected, is_known):
 @given(poses, poses, st.floats(-math.pi, math.pi))
 def test_rail_is_recovered_for_any_mounting(rail, mounting, axes):
     published = published_motion(rail, mounting, axes)
-    estimate = gate(mounting=tuple(mounting), axes=axes)
-    if max(map(abs, published[:2])) < 2.0 and abs(published.theta) < 0.6:
-        assert estimate.check(NOW, NOW, published).pose == pytest.approx(
-            rail, abs=1e-12
-        )
+    estimate = gate(mounting=tuple(mounting), axes=axes).check(NOW, NOW, published)
+    assert estimate.pose == pytest.approx(rail, abs=1e-12)
+
+
+@given(
+    st.floats(-math.pi, math.pi),
+    st.floats(-0.7, 0.7),
+    st.lists(st.floats(-0.01, 0.01), min_size=2, max_size=5),
+)
+def test_range_is_that_of_the_rail_for_any_yaw(yaw, theta, turns):
+    """The published angle is wrapped, as each angle from a quaternion."""
+    checked = gate(mounting=(0.0, 0.0, yaw))
+    for number, turn in enumerate(turns):
+        rail = theta + turn
+        published = Pose(0.0, 0.0, math.remainder(rail + yaw, math.tau))
+        stamp = NOW + 0.02 * number
+        if abs(rail) < 0.6:
+            estimate = checked.check(stamp, stamp, published)
+            assert estimate.pose.theta == pytest.approx(rail, abs=1e-12)
+        else:
+            with pytest.raises(InputError, match='disturbance theta') as rejected:
+                checked.check(stamp, stamp, published)
+            assert rejected.value.reason == 'range'
 
 
 def test_turned_axes_swap_x_and_y_and_their_variances():
