@@ -50,22 +50,9 @@ from facade_manipulator.nodes.driver_status import DriverWatch, SILENT
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.nodes.settings import RateSettings
 
 REPORT_PERIOD = 0.05  # s
-
-
-@settings
-class RateSettings:
-    """Rate of the compensator [Hz]."""
-
-    rate: float = parameter(
-        'Rate of corrected poses',
-        default=100.0,
-        unit='Hz',
-        minimum=10.0,
-        maximum=1000.0,
-    )
 
 
 class Goal(NamedTuple):

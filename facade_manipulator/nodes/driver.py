@@ -35,7 +35,7 @@ from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.conversions import joint_state, ros_time, steady_timer
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
-from facade_manipulator.nodes.driver_setup import declare_setup, DriverSettings
+from facade_manipulator.nodes.driver_setup import declare_setup
 from facade_manipulator.nodes.driver_status import (
     DriverStatus,
     state_sentence,
@@ -46,6 +46,7 @@ from facade_manipulator.nodes.messages import CARRIAGES, carriages_from, seconds
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
+from facade_manipulator.nodes.settings import DriverSettings
 from facade_manipulator.nodes.software_stop import SoftwareStop
 
 STOPPED_STATES = (ControllerState.STOPPED, ControllerState.LOST)

@@ -17,34 +17,9 @@ from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.nodes.parameters import declare
-from facade_manipulator.parameters import parameter, settings
 
 # a name, because the simulator imports the CAN libraries, which only the loop needs
 SIMULATOR = 'facade_manipulator.simulation.drives.simulator:start_simulator'
-
-
-@settings
-class DriverSettings:
-    """Settings of the driver node in addition to those of the controller."""
-
-    simulate_drives: bool = parameter(
-        'Whether the driver starts simulated drives on a virtual bus', default=False
-    )
-    configure_at_start: bool = parameter(
-        'Whether the driver configures itself at its start, without powering the drives',
-        default=False,
-    )
-    software_stop_timeout: float = parameter(
-        'Silence of software_stop, once received, that stops the drives and forbids power',
-        default=0.5,
-        unit='s',
-        minimum=0.05,
-        maximum=10.0,
-    )
-    software_stop_topics: tuple[str, ...] = parameter(
-        'Topics on which supervisors forbid power, one for each supervisor',
-        default=('software_stop',),
-    )
 
 
 def declare_setup(

@@ -14,9 +14,9 @@ from rclpy.parameter import Parameter
 
 from facade_manipulator import parameters
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.nodes.settings import OF_ROS
 from facade_manipulator.nodes.workarounds import given_parameters
 
-OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 Settings = TypeVar('Settings')
 
 

@@ -27,7 +27,7 @@ from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.nodes.settings import SimulatorSettings
 from facade_manipulator.simulation.world.scenario import load_scenario
 from facade_manipulator.simulation.world.world import World
 
@@ -52,16 +52,6 @@ FORCES = topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES
 NO_ORIENTATION = np.array(
     (-1.0, *[0.0] * 8)
 )  # covariance of a message without orientation
-
-
-@settings
-class SimulatorSettings:
-    """Choice of the simulated world; the file of the scenario contains all values."""
-
-    scenario: str = parameter(
-        'Name of a scenario in config/scenarios, or path of a file', default='breeze'
-    )
-    viewer: bool = parameter("Whether MuJoCo's viewer shows the world", default=False)
 
 
 class GondolaSimulatorNode(Node):
