@@ -7,16 +7,16 @@ package uses the share directory of its ament prefix, or that of pip below ``sys
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import os
 from pathlib import Path
 import sys
 
 PACKAGE = Path(__file__).resolve().parent
-MACHINE_FILE = Path(
-    'manipulator.yaml'
-)  # parameter file of a machine, in the working directory
+# parameter file of a machine, in the working directory
+MACHINE_FILE = Path('manipulator.yaml')
+OVERLAY = 'machine.yaml'  # results of `commission`, beside the parameter file
 
 
 def config_path(relative: str | os.PathLike[str] = '') -> Path:
@@ -38,9 +38,20 @@ def config_path(relative: str | os.PathLike[str] = '') -> Path:
     )
 
 
-def machine_file() -> Path:
-    """Return the parameter file of the machine, or the file of the package while none exists."""
-    return MACHINE_FILE if MACHINE_FILE.exists() else config_path('manipulator.yaml')
+def machine_files(given: Sequence[Path] = ()) -> list[Path]:
+    """
+    Return the parameter files of a machine; later files override earlier files.
+
+    Without given files, the first is `MACHINE_FILE`, or the file of the package while none
+    exists. An `OVERLAY` in the folder of the first file, or in the working directory for the file
+    of the package, follows the first file unless it is given.
+    """
+    first, *others = given or [MACHINE_FILE]
+    overlay = first.with_name(OVERLAY)
+    is_given = any(path.absolute() == overlay.absolute() for path in given)
+    if not given and not first.exists():
+        first = config_path(MACHINE_FILE)
+    return [first, *([overlay] if overlay.exists() and not is_given else []), *others]
 
 
 def import_path() -> list[str]:

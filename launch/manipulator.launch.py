@@ -36,6 +36,7 @@ from facade_manipulator import config_path, topics
 from facade_manipulator.kinematics import Geometry, urdf
 from facade_manipulator.nodes.messages import Frames
 from facade_manipulator.parameters import read_parameters, settings_from
+from facade_manipulator.resources import machine_files
 
 PACKAGE = 'facade_manipulator'
 RECORDING = Path(__file__).with_name('record.launch.py')
@@ -61,8 +62,7 @@ def _parameter_files(context) -> list[str]:
         raise RuntimeError(
             f'config rejected: {config} is not a file; next: check the path'
         )
-    machine = Path(config).with_name('machine.yaml')  # file of commissioning
-    files = [config, *([str(machine)] if machine.is_file() else [])]
+    files = [str(file) for file in machine_files([Path(config)])]
     return [*files, str(config_path('simulation.yaml'))] if _is_mock(context) else files
 
 

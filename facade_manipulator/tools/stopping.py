@@ -26,8 +26,9 @@ from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.braking import starting_distance
 from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.parameters import read_parameters, settings_from
-from facade_manipulator.resources import machine_file
+from facade_manipulator.parameters import settings_from
+from facade_manipulator.resources import machine_files
+from facade_manipulator.tools.parameter_files import announce, read_machine
 
 COASTING = 1.87  # m/s²: 67 mm from 0.5 m/s, by friction and masses of the prototype
 SCATTER = 0.2  # share of the coasting deceleration, up or down: friction varies along the rail
@@ -49,8 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         'parameters',
         type=Path,
         nargs='*',
-        default=[machine_file()],
-        help='parameter files, later files override; default: manipulator.yaml',
+        help='parameter files, later files override (default manipulator.yaml); machine.yaml '
+        'beside the first file follows it',
     )
     parser.add_argument(
         '--coasting',
@@ -60,14 +61,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help='mean deceleration without power (default: %(default)s)',
     )
     given = parser.parse_args(arguments)
-    return exit_status(
-        'stopping', lambda: print_table(read_analysis(given.parameters), given.coasting)
-    )
+    files = machine_files(given.parameters)
+
+    def run() -> None:
+        announce('stopping', files)
+        print_table(read_analysis(files), given.coasting)
+
+    return exit_status('stopping', run)
 
 
 def read_analysis(paths: Sequence[Path]) -> StoppingAnalysis:
     """Return the stopping analysis of parameter files; raises a ParameterError like the driver."""
-    values = read_parameters(paths, 'driver')
+    values = read_machine(paths, 'driver')
     geometry = settings_from(Geometry, values, 'geometry')
     axes = read_axes(partial(settings_from, values=values), geometry.stroke)
     return StoppingAnalysis(

@@ -14,9 +14,9 @@ import numpy as np
 from facade_manipulator.commands import above_zero, exit_status
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.messages import CARRIAGES
-from facade_manipulator.parameters import read_parameters, settings_from
+from facade_manipulator.parameters import settings_from
 from facade_manipulator.prediction.estimate import EstimateSettings
-from facade_manipulator.resources import machine_file
+from facade_manipulator.resources import machine_files
 from facade_manipulator.tools.calibration import estimator, geometry
 from facade_manipulator.tools.calibration.geometry import AXES, in_units, UNITS
 from facade_manipulator.tools.calibration.recording import (
@@ -24,14 +24,19 @@ from facade_manipulator.tools.calibration.recording import (
     read_estimator_recording,
 )
 from facade_manipulator.tools.calibration.tables import read_table
-
-OVERLAY = Path('machine.yaml')  # file that `commission` writes
+from facade_manipulator.tools.parameter_files import announce, read_machine
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
     options = _parser().parse_args(arguments)
-    return exit_status('calibrate', lambda: print(*options.run(options), sep='\n'))
+    options.parameters = machine_files(options.parameters)
+
+    def run() -> None:
+        announce('calibrate', options.parameters)
+        print(*options.run(options), sep='\n')
+
+    return exit_status('calibrate', run)
 
 
 def plan_poses(options: argparse.Namespace) -> Iterator[str]:
@@ -83,7 +88,7 @@ def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
     recording = read_estimator_recording(
         options.recording, options.head, options.namespace
     )
-    given = read_parameters(options.parameters, 'compensator')
+    given = read_machine(options.parameters, 'compensator')
     found = estimator.fit_estimator(
         _geometry(options),
         recording,
@@ -106,7 +111,7 @@ def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
 
 def _geometry(options: argparse.Namespace) -> Geometry:
     return settings_from(
-        Geometry, read_parameters(options.parameters, 'compensator'), 'geometry'
+        Geometry, read_machine(options.parameters, 'compensator'), 'geometry'
     )
 
 
@@ -129,8 +134,9 @@ def _parser() -> argparse.ArgumentParser:
         nargs='+',
         type=Path,
         metavar='YAML',
-        default=[machine_file(), *filter(Path.exists, [OVERLAY])],
-        help='parameter files, later files override (default manipulator.yaml and machine.yaml)',
+        default=[],
+        help='parameter files, later files override (default manipulator.yaml); machine.yaml '
+        'beside the first file follows it',
     )
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
     poses, errors, mounting = (

@@ -13,6 +13,7 @@ from facade_manipulator.commands import exit_status
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.tools.commissioning import measure, nodes, objects, stop_test
 from facade_manipulator.tools.commissioning.context import Context
+from facade_manipulator.tools.parameter_files import announce
 
 STEPS = [
     'scan',
@@ -33,7 +34,12 @@ def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
     for name in ('can', 'canopen'):  # the command itself reports their errors
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     context = Context(options, **access)
-    if status := exit_status('commission', lambda: options.run(context)):
+
+    def run() -> None:
+        announce('commission', context.files)
+        options.run(context)
+
+    if status := exit_status('commission', run):
         written = f'Written into {context.overlay.path}: {context.written}'
         print(*filter(None, (context.state, written)), sep='\n', file=sys.stderr)
     return status

@@ -27,12 +27,17 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import decode_state, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, DriveError, ParameterError
-from facade_manipulator.parameters import read_parameters, settings_from
-from facade_manipulator.resources import atomic_write, MACHINE_FILE, machine_file
+from facade_manipulator.parameters import settings_from
+from facade_manipulator.resources import (
+    atomic_write,
+    MACHINE_FILE,
+    machine_files,
+    OVERLAY,
+)
 from facade_manipulator.tools.commissioning.bus import ToolBus
+from facade_manipulator.tools.parameter_files import read_machine
 from facade_manipulator.tools.stopping import read_analysis
 
-OVERLAY = 'machine.yaml'
 HEADER = '# Written by `commission`; nodes load this file after the parameter file of the machine.'
 
 
@@ -89,7 +94,6 @@ class Context:
         self.clock = clock or Clock()
         self._open_frames = open_frames
         self.overlay = Overlay((options.parameters or MACHINE_FILE).with_name(OVERLAY))
-        self._own_file = options.parameters or machine_file()
         self.written = 'nothing'  #: results that the command wrote into the overlay
         self.state = ''  #: state of the drives if the command ended at present
         self._has_agreed = options.yes
@@ -99,10 +103,9 @@ class Context:
     @property
     def files(self) -> list[Path]:
         """Return the parameter files of the machine; later files override earlier files."""
-        return [
-            self._own_file,
-            *([self.overlay.path] if self.overlay.path.exists() else []),
-        ]
+        return machine_files(
+            [self.options.parameters] if self.options.parameters else []
+        )
 
     @property
     def controller(self) -> ControllerSettings:
@@ -134,11 +137,11 @@ class Context:
         self.written = ', '.join(
             f'{name}: {value}' for name, value in results.items()
         ) or (f'{step}: done')
-        effective = read_parameters(self.files, 'driver')
+        effective = read_machine(self.files, 'driver')
         for name, value in results.items():
             if effective[name] != value:
                 raise ParameterError(
-                    f'{name}: {value} has no effect: {self._own_file} overrides it for one '
+                    f'{name}: {value} has no effect: {self.files[0]} overrides it for one '
                     'namespace; next: remove it there'
                 )
         self.overlay.write(step, {})
@@ -168,7 +171,7 @@ class Context:
     def open(self) -> CanBus:
         """Open the bus of the machine; raises a BusError."""
         return self._open_frames(
-            settings_from(BusSettings, read_parameters(self.files, 'driver'), 'bus')
+            settings_from(BusSettings, read_machine(self.files, 'driver'), 'bus')
         )
 
     @contextmanager
