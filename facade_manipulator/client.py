@@ -96,13 +96,13 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self._check = check
         self._frames = Frames.of(namespace)
         # the last messages of each topic: time of reception [s, monotonic], values and text
-        self._received = {
+        self._received: dict[topics.Topic, deque[tuple[float, dict[str, str]]]] = {
             topic: deque([(float('-inf'), dict[str, str]())], maxlen=10)
             for topic in (topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS)
         }
         for topic in self._received:
             self.node.create_subscription(
-                *topic[:2], partial(self._receive, topic), topic.qos
+                *topic[:2], partial(self._receive, topic), topic.subscription_qos
             )
         self._client = cache(lambda service: self.node.create_client(*service))
         # created with the first goal: an observer needs no permission to publish

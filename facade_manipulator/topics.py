@@ -30,19 +30,27 @@ from sensor_msgs.msg import Imu, JointState, Range
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 
-# With the durability VOLATILE instead, every other run of a test with Fast DDS 2.14 lost a
-# setpoint.
-LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.SYSTEM_DEFAULT)
-RELIABLE = QoSProfile(depth=10, durability=DurabilityPolicy.SYSTEM_DEFAULT)
+# Goals, poses and setpoints. Fast DDS 2.14 lost the first message of a volatile publisher in every
+# other run of a test, although the publisher had already counted its subscriber.
+COMMAND = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+COMMANDS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# States, of which a later subscriber receives the last message, or the last ten.
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 RECENT = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Measurements: a later subscriber receives no past message.
+TELEMETRY = QoSProfile(depth=10, durability=DurabilityPolicy.VOLATILE)
+NEWEST = QoSProfile(depth=1, durability=DurabilityPolicy.VOLATILE)
 SENSOR = qos_profile_sensor_data
 # measurements of a sensor that may wait while an estimate is computed: 1000 Hz for 0.1 s
-QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+QUEUE = QoSProfile(
+    depth=100,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
 
 
 class Topic(NamedTuple):
-    """Topic with its type, name and quality of service."""
+    """Topic with its type, its name and the quality of service of its publishers."""
 
     type: type[Any]
     name: str
@@ -52,6 +60,31 @@ class Topic(NamedTuple):
         """Return the hash of the name, because a QoSProfile has no hash."""
         return hash(self.name)
 
+    @property
+    def subscription_qos(self) -> QoSProfile:
+        """
+        Return the quality of service of subscriptions, which are volatile.
+
+        A volatile subscription receives from every publisher, also from `ros2 topic pub`, and no
+        message from before the subscription.
+        """
+        return QoSProfile(
+            depth=self.qos.depth,
+            reliability=self.qos.reliability,
+            durability=DurabilityPolicy.VOLATILE,
+        )
+
+
+class LatchedTopic(Topic):
+    """Topic of a state, whose last messages a later subscriber receives."""
+
+    __slots__ = ()
+
+    @property
+    def subscription_qos(self) -> QoSProfile:
+        """Return the quality of service of subscriptions, which is that of the publishers."""
+        return self.qos
+
 
 class Service(NamedTuple):
     """Service with its type and name."""
@@ -60,33 +93,33 @@ class Service(NamedTuple):
     name: str
 
 
-GOAL_POSE = Topic(PoseStamped, 'goal_pose', LATEST)
+GOAL_POSE = Topic(PoseStamped, 'goal_pose', COMMAND)
 DISTURBANCE = Topic(PoseWithCovarianceStamped, 'disturbance', SENSOR)
 DISTURBANCE_ODOMETRY = Topic(Odometry, 'disturbance_odometry', SENSOR)
 CONTACT_WRENCH = Topic(WrenchStamped, 'contact_wrench', SENSOR)
 LATERAL_OFFSET = Topic(PointStamped, 'lateral_offset', SENSOR)
-CORRECTED_POSE = Topic(PoseStamped, 'corrected_pose', LATEST)
-REFERENCE = Topic(PoseStamped, 'compensator/reference', RELIABLE)
-GOAL_STATUS = Topic(DiagnosticStatus, 'compensator/goal_status', LATCHED)
-JOINT_SETPOINTS = Topic(JointState, 'joint_setpoints', LATEST)
-JOINT_STATES = Topic(JointState, 'joint_states', RELIABLE)
-END_EFFECTOR_POSE = Topic(PoseStamped, 'end_effector_pose', RELIABLE)
-REJECTIONS = Topic(DiagnosticStatus, 'ik_service/rejections', RECENT)
-ROBOT_DESCRIPTION = Topic(String, 'robot_description', LATCHED)
-MECHANISM_STATES = Topic(JointState, 'ik_service/joint_states', RELIABLE)
-DRIVER_STATUS = Topic(DiagnosticStatus, 'driver/status', LATCHED)
-SOFTWARE_STOP = Topic(Bool, 'software_stop', RELIABLE)
+CORRECTED_POSE = Topic(PoseStamped, 'corrected_pose', COMMAND)
+REFERENCE = Topic(PoseStamped, 'compensator/reference', TELEMETRY)
+GOAL_STATUS = LatchedTopic(DiagnosticStatus, 'compensator/goal_status', LATCHED)
+JOINT_SETPOINTS = Topic(JointState, 'joint_setpoints', COMMAND)
+JOINT_STATES = Topic(JointState, 'joint_states', TELEMETRY)
+END_EFFECTOR_POSE = Topic(PoseStamped, 'end_effector_pose', TELEMETRY)
+REJECTIONS = LatchedTopic(DiagnosticStatus, 'ik_service/rejections', RECENT)
+ROBOT_DESCRIPTION = LatchedTopic(String, 'robot_description', LATCHED)
+MECHANISM_STATES = Topic(JointState, 'ik_service/joint_states', TELEMETRY)
+DRIVER_STATUS = LatchedTopic(DiagnosticStatus, 'driver/status', LATCHED)
+SOFTWARE_STOP = Topic(Bool, 'software_stop', COMMANDS)
 IMU = Topic(Imu, 'imu', QUEUE)
 RANGE_1, RANGE_2 = (Topic(Range, name, QUEUE) for name in ('range_1', 'range_2'))
 FIX_X = Topic(PointStamped, 'fix_x', QUEUE)
 FIX_POSE = Topic(PoseWithCovarianceStamped, 'fix_pose', QUEUE)
 HEAD_ON_WALL = Topic(PoseStamped, 'head_on_wall', SENSOR)
-CARRIAGE_FORCES = Topic(JointState, 'gondola_simulator/carriage_forces', LATEST)
+CARRIAGE_FORCES = Topic(JointState, 'gondola_simulator/carriage_forces', NEWEST)
 HEAD_POSE, RAIL_POSE, WALL_ERROR, UNCOMPENSATED_ERROR = (
-    Topic(PoseStamped, f'gondola_simulator/{name}', RELIABLE)
+    Topic(PoseStamped, f'gondola_simulator/{name}', TELEMETRY)
     for name in ('head_pose', 'rail_pose', 'wall_error', 'uncompensated_error')
 )
-DIAGNOSTICS = Topic(DiagnosticArray, '/diagnostics', RELIABLE)
+DIAGNOSTICS = Topic(DiagnosticArray, '/diagnostics', TELEMETRY)
 
 SOLVE = Service(GetPlan, 'ik_service/solve')
 ENABLE = Service(SetBool, 'compensator/enable')

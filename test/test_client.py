@@ -94,7 +94,7 @@ class Machine:
                 )
 
         self.node.create_subscription(
-            *topics.GOAL_POSE[:2], answer, topics.GOAL_POSE.qos
+            *topics.GOAL_POSE[:2], answer, topics.GOAL_POSE.subscription_qos
         )
 
 
@@ -243,7 +243,8 @@ def test_goal_that_is_not_reached_raises_its_reason(
 
 
 def test_goal_is_sent_to_a_compensator_discovered_late(ros, client, machine):
-    ros.collect(ros.node('bystander', namespace='gondola_1'), *topics.GOAL_POSE)
+    bystander = ros.node('bystander', namespace='gondola_1')
+    ros.collect(bystander, *topics.GOAL_POSE[:2])
     threading.Timer(0.1, machine.answer_goals, ('reached',)).start()
     client.go_to(GOAL)
     assert machine.goals

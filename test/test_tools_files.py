@@ -5,7 +5,7 @@ from pathlib import Path
 import re
 import xml.etree.ElementTree as ElementTree
 
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.qos import ReliabilityPolicy
 import yaml
 
 from facade_manipulator import config_path, topics
@@ -70,7 +70,7 @@ def test_every_reliable_topic_is_fast_or_rare():
         one.name
         for one in TOPICS
         if one.qos.reliability is ReliabilityPolicy.RELIABLE
-        and one.qos.durability is not DurabilityPolicy.TRANSIENT_LOCAL
+        and not isinstance(one, topics.LatchedTopic)
     }
     assert names == {one.name for one in (*EVERY_CYCLE, *RARE)}, (
         'next: add a topic of each cycle to EVERY_CYCLE and config/recording_qos.yaml, and any '
@@ -83,7 +83,7 @@ def test_recorder_requests_fast_topics_with_best_effort():
     assert overrides.keys() == {'/tf', *(f'/{topic.name}' for topic in EVERY_CYCLE)}
     assert all(
         topic.qos.reliability is not ReliabilityPolicy.BEST_EFFORT
-        and topic.qos.durability is not DurabilityPolicy.TRANSIENT_LOCAL
+        and not isinstance(topic, topics.LatchedTopic)
         for topic in EVERY_CYCLE
     )
     for profile in overrides.values():  # rosbag2 needs the depth with the history
@@ -105,7 +105,9 @@ def test_rviz_file_shows_published_topics_in_frame_rail():
         if key in ('Topic', 'Description Topic')
     }
     assert shown == {
-        one.name: 'Transient Local' if one.qos == topics.LATCHED else 'Volatile'
+        one.name: (
+            'Transient Local' if isinstance(one, topics.LatchedTopic) else 'Volatile'
+        )
         for one in SHOWN_IN_3D
     }
 

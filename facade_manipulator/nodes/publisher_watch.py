@@ -126,7 +126,7 @@ class PublisherWatch:
             topic.type,
             name,
             receive,
-            topic.qos,
+            topic.subscription_qos,
             event_callbacks=SubscriptionEventCallbacks(
                 incompatible_qos=report_incompatible, matched=count
             ),

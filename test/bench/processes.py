@@ -90,7 +90,8 @@ class Role(Node):
                 continue
             react = {'': id, '!': self._note}.get(target) or self._publishing(target)
             if source in TOPICS:
-                self.create_subscription(*TOPICS[source][:2], react, TOPICS[source].qos)
+                topic = TOPICS[source]
+                self.create_subscription(*topic[:2], react, topic.subscription_qos)
             else:
                 self.create_timer(1.0 / float(source), react)
             if target == '!':

@@ -108,7 +108,7 @@ class NodeBench:
             *topic[:2],
             topics.QoSProfile(
                 depth=depth,
-                durability=topic.qos.durability,
+                durability=topic.subscription_qos.durability,
                 reliability=topic.qos.reliability,
             ),
         )

@@ -55,7 +55,7 @@ def test_two_gondolas_move_stop_and_end_independently(ros, ros_domain, start_pro
         for namespace in ('gondola_1', 'gondola_2')
     )
     with first, second:
-        stop = second.node.create_publisher(Bool, 'software_stop', topics.LATEST)
+        stop = second.node.create_publisher(*topics.SOFTWARE_STOP)
         second.wait_until(stop.get_subscription_count, 'the driver of gondola_2')
         stop.publish(Bool(data=True))
         with pytest.raises(RequestRejectedError, match='software_stop was set'):

@@ -28,7 +28,7 @@ def test_lost_interface_requires_configuration_and_homing(
         lambda array: messages.update(
             (status.name, status.message) for status in array.status
         ),
-        DIAGNOSTICS.qos,
+        DIAGNOSTICS.subscription_qos,
     )
     make_sure_of_power(active, watcher)
     switch(vcan0, clear_flags, 'down')
