@@ -72,8 +72,10 @@ def stamp_of(goal: PoseStamped) -> str:
 class CompensatorNode(Node):
     """Compensator node, which keeps the head at its place on the wall while the gondola moves."""
 
+    own_name = 'compensator'
+
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__('compensator', **kwargs)
+        super().__init__(self.own_name, **kwargs)
         geometry = declare(self, Geometry, 'geometry')
         rate = declare(self, RateSettings).rate
         self._compensator = Compensator(

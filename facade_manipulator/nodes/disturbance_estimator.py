@@ -48,8 +48,10 @@ PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw in a covariance of six
 class DisturbanceEstimatorNode(Node):
     """Estimator node, which publishes the pose and the velocity of the rail at a fixed rate."""
 
+    own_name = 'disturbance_estimator'
+
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__('disturbance_estimator', **kwargs)
+        super().__init__(self.own_name, **kwargs)
         setup = EstimatorSetup.read(declare(self, SensorNames), partial(declare, self))
         self._estimator = DisturbanceEstimator(setup)
         self._motion: RailMotion | None = None

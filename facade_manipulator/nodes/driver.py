@@ -63,10 +63,12 @@ class DriverNode(ManagedNode):
 
     """
 
+    own_name = 'driver'
+
     def __init__(
         self, launch: Callable[..., Any] = start_process, **kwargs: Any
     ) -> None:
-        super().__init__('driver', **kwargs)
+        super().__init__(self.own_name, **kwargs)
         settings = declare(self, DriverSettings)
         self._is_simulated = settings.simulate_drives
         setup = declare_setup(self, self._is_simulated, self._change_limits)

@@ -44,8 +44,10 @@ LEAD = 0.05  # s, by which the setpoints of an approach are sent ahead of their 
 class IkServiceNode(Node):
     """Inverse kinematics node for the stream of corrected poses and for requests."""
 
+    own_name = 'ik_service'
+
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__('ik_service', **kwargs)
+        super().__init__(self.own_name, **kwargs)
         geometry = declare(self, Geometry, 'geometry')
         self._stream = SetpointStream(geometry, declare(self, GoalSettings))
         self._approach = ReferencePath(declare(self, ReferenceSettings, 'approach'))

@@ -63,6 +63,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
             _reject_other_arguments(args)
             initialise(args)
             nodes = make_nodes()
+        _require_own_names(nodes)
         handle_signals(partial(_stop, signals))
         reject_unknown_parameters(nodes, args)
         for node in nodes:
@@ -182,6 +183,22 @@ def handle_signals(action: Callable[[int, Any], object] | signal.Handlers) -> No
             number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN
         ):  # nohup
             signal.signal(number, action)
+
+
+def _require_own_names(nodes: Sequence[Node]) -> None:
+    """
+    Raise a ParameterError for a renamed node.
+
+    The names of topics, services and sections of parameter files contain the node's own name.
+    """
+    for node in nodes:
+        own_name = getattr(node, 'own_name', node.get_name())
+        if node.get_name() != own_name:
+            raise ParameterError(
+                f'node name rejected: {node.get_name()}, required is {own_name}, which topics, '
+                'services and parameter files contain; next: replace the remapping of __node by a '
+                f'namespace, such as -r __ns:=/{node.get_name()}'
+            )
 
 
 def _reject_other_arguments(args: list[str] | None) -> None:

@@ -57,8 +57,10 @@ NO_ORIENTATION = np.array(
 class GondolaSimulatorNode(Node):
     """Simulator of gondola, mechanism and wall, which publishes the topics of the scenario."""
 
+    own_name = 'gondola_simulator'
+
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__('gondola_simulator', **kwargs)
+        super().__init__(self.own_name, **kwargs)
         geometry, own = (
             declare(self, Geometry, 'geometry'),
             declare(self, SimulatorSettings),
