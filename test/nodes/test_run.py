@@ -5,7 +5,7 @@ import signal
 from threading import Event, Thread, Timer
 import time
 
-from nodes.bench import diagnostics_of
+from nodes.bench import diagnostics_of, NODES
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -19,6 +19,7 @@ from facade_manipulator.nodes.lifecycle import ManagedNode
 from facade_manipulator.nodes.workarounds import take_waiting
 
 pytestmark = pytest.mark.realtime
+CONNECTED = ['compensator', 'ik_service']  # of the process `manipulator`
 
 
 @pytest.fixture(params=['events', 'single-threaded'])
@@ -198,6 +199,31 @@ def test_arguments_of_another_program_are_rejected(
         run.run(pytest.fail, arguments)
     captured = capfd.readouterr()
     assert end.value.code == status and text in captured.out + captured.err
+
+
+@pytest.mark.parametrize(
+    'names', [*([name] for name in NODES), CONNECTED], ids='+'.join
+)
+def test_renamed_node_does_not_start(handlers, ros_domain, capfd, names):
+    status = run.run(
+        lambda: [NODES[name]() for name in names], ['--ros-args', '-r', '__node:=other']
+    )
+    assert status == 2
+    assert (
+        f'could not start: node name rejected: other, required is {names[0]}, '
+        in capfd.readouterr().err
+    )
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_node_with_its_own_name_as_remapping_starts(executor, name):
+    """Launch passes the name of a node as a remapping."""
+
+    def make_nodes():
+        Timer(0.3, end_process).start()
+        return [NODES[name]()]
+
+    assert run.run(make_nodes, ['--ros-args', '-r', f'__node:={name}']) == 0
 
 
 def test_simulated_time_is_rejected_as_a_live_change(executor):
