@@ -58,6 +58,7 @@ class CycleClock:
         self.overdue_in_a_row = self.doubled_in_a_row = 0
         self.is_open = False
         self.held = 0.0
+        self._is_counted_late = False  # whether the present step began too late
         self._drives = drives
         self._answers = 0  # to the newest SYNC
         self._commanded: float | None = (
@@ -198,27 +199,50 @@ class CycleClock:
         self.is_open = True
 
     def finish(self, now: float) -> bool:
-        """Close the cycle at its step; return whether commands now still precede the next SYNC."""
+        """
+        Close the cycle when its step begins [s]; return whether its commands may be in time.
+
+        `finish_commands` decides at the end of the step.
+        """
         age = now - self.sync_time
-        late = age > COMMANDS_DUE * self.period
-        in_time = not (late and self.has_kernel_sync)
         self.is_open = False
         counts = self.statistics
         counts.cycles += 1
         counts.incomplete += self._answers < self._drives
-        counts.late += late
         counts.worst = max(counts.worst, age)
         if counts.cycles % LATE_WINDOW == 0:
             counts.late_share = (counts.late - self._late_before) / LATE_WINDOW
             self._late_before = counts.late
-        self.late_in_a_row = 0 if in_time else self.late_in_a_row + 1
-        if in_time:  # note how many periods passed without commands before those that are sent now
-            before, self._commanded = self._commanded, self.sync_time
-            periods = (
-                1 if before is None else round((self.sync_time - before) / self.period)
-            )
+        if self._commanded is not None:
+            periods = round((self.sync_time - self._commanded) / self.period)
             self.held = max(0, periods - 1) * self.period
+        is_late = age > COMMANDS_DUE * self.period
+        counts.late += is_late
+        self._is_counted_late = is_late
+        in_time = not (is_late and self.has_kernel_sync)
+        if not in_time:
+            self.late_in_a_row += 1
+        self._wait_for_commands(now)
+        return in_time
+
+    def finish_commands(self, now: float) -> bool:
+        """
+        Return whether commands that were chosen until now [s] still precede the next SYNC.
+
+        Commands that are chosen too late count like a step that begins too late.
+        """
+        is_late = now - self.sync_time > COMMANDS_DUE * self.period
+        self.statistics.late += is_late and not self._is_counted_late
+        self._wait_for_commands(now)
+        if is_late and self.has_kernel_sync:
+            self.late_in_a_row += not self._is_counted_late
+            return False
+        self.late_in_a_row = 0
+        self._commanded = self.sync_time
+        return True
+
+    def _wait_for_commands(self, now: float) -> None:
+        """Delay the next SYNC of the loop, so that the commands reach the drives before it."""
         if not self.has_kernel_sync:
             self._next_sync = max(self._next_sync, now + MIN_GAP * self.period)
         self.next_event = self._next_sync
-        return in_time

@@ -233,7 +233,11 @@ class CyclicExchange:
         group.step(now)
         if in_time or not group.follows:
             targets.command(self.clock, now)
-            self._send_commands()
+            has_ended_in_time = self.clock.finish_commands(self._now())
+            if has_ended_in_time or not group.follows:
+                self._send_commands()
+            else:
+                targets.withdraw()
         for monitor in group.monitors:
             if monitor.name in group.not_responding - taken_out:  # despite a quick stop
                 self.bus.command('STOPPED', monitor.axis.node_id)
@@ -262,7 +266,8 @@ class CyclicExchange:
         Send one command to each drive, all three between the same two SYNCs.
 
         Just before the kernel's SYNC the commands wait for it. Otherwise one drive might latch its
-        command a period before the others.
+        command a period before the others. Only commands of drives that follow no targets wait:
+        late targets are withdrawn.
         """
         self._waits_for_sync = not self.clock.has_time(self._now())
         if self._waits_for_sync:

@@ -37,7 +37,7 @@ class MechanismChecks:
 
     #: asked for targets once a cycle while active, in the control thread: a
     #: `facade_manipulator.motion.follower.SetpointFollower`, or `at_rest`, `reset`, `hold`,
-    #: `wait` and `sample` as it has them
+    #: `wait`, `sample` and `withdraw` as it has them
     source: Any
     #: takes three targets [m]
     check_targets: Callable[[Triple], None] = allow_anything
@@ -73,6 +73,7 @@ class TargetSupervisor:
             maxlen=ceil(self._age) + settings.max_missed_cycles + 2
         )
         self._state = ControllerState.INACTIVE
+        self._remember()
 
     def supervise(self, now: float) -> None:
         """Stop all three carriages if one is not at its commanded position."""
@@ -143,6 +144,7 @@ class TargetSupervisor:
     def command(self, clock: CycleClock, now: float) -> None:
         """Choose the targets of a cycle; a source that fails stops the group."""
         reach_time = clock.smooth_stamp + self._lead
+        self._remember()
         try:
             if clock.held:
                 self.mechanism.source.wait(clock.held)
@@ -157,6 +159,18 @@ class TargetSupervisor:
                 Cause(f'{failure}: {error}', 'check the source of the setpoints'), now
             )
             self.choose(reach_time)
+
+    def withdraw(self) -> None:
+        """
+        Return to the targets before the last choice, which came too late to be sent.
+
+        The drives hold these targets. The next choice starts from them.
+        """
+        self.counts, self.positions, self._state = self._remembered
+        self.mechanism.source.withdraw()
+
+    def _remember(self) -> None:
+        self._remembered = self.counts, self.positions, self._state
 
     def choose(self, reach_time: float) -> None:
         """

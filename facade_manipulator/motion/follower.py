@@ -126,6 +126,7 @@ class SetpointFollower:
         self._fastest_at = fastest
         #: the commanded motion; None before the first `reset`
         self.motion: CarriageMotion | None = None
+        self._motion_before: CarriageMotion | None = None  # the last `sample` or `reset`
         self._stop: Iterator[CarriageMotion] = iter(())
         self._stream: TimedBuffer[Setpoint] = TimedBuffer()
         self._writing = Lock()
@@ -157,7 +158,7 @@ class SetpointFollower:
     def reset(self, positions: Vector) -> None:
         """Hold at measured positions [m] and forget the stream."""
         self.hold()
-        self.motion = CarriageMotion(positions)
+        self.motion = self._motion_before = CarriageMotion(positions)
         self._stop = iter(())
         self.activity = Activity.HOLDING
 
@@ -180,6 +181,14 @@ class SetpointFollower:
             self._stop = self._checked_stop(self._limiter, self.motion)
         except ManipulatorError:
             self.motion, self._stop = CarriageMotion(self.motion.position), iter(())
+
+    def withdraw(self) -> None:
+        """
+        Undo the last `sample`, whose positions were not sent.
+
+        A call of `wait` must follow before the next `sample`.
+        """
+        self.motion = self._motion_before
 
     def add(self, setpoint: Setpoint, now: float) -> None:
         """
@@ -229,6 +238,7 @@ class SetpointFollower:
                 'no_position', 'no carriage position is known; next: call reset'
             )
         self._sampled = reach_time
+        self._motion_before = self.motion
         target = self._target(reach_time)
         self.motion = (
             self._brake(self.motion)

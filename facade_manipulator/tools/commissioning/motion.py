@@ -45,6 +45,7 @@ class _Ramp:
 
     def __init__(self, moved: tuple[bool, ...], window: float, period: float) -> None:
         self.displacement = self.speed = self.goal = 0.0
+        self._before = self.displacement, self.speed
         self._moved, self._window, self._period = moved, window, period
 
     @property
@@ -55,6 +56,7 @@ class _Ramp:
     def reset(self, positions: Triple) -> None:
         """Start at positions [m]."""
         self._start, self.displacement, self.speed = positions, 0.0, 0.0
+        self._before = self.displacement, self.speed
 
     def hold(self) -> None:
         """Bring the targets to rest."""
@@ -63,8 +65,13 @@ class _Ramp:
     def wait(self, seconds: float) -> None:
         """Continue from the last target; the elapsed time [s] has no effect."""
 
+    def withdraw(self) -> None:
+        """Undo the last `sample`, whose positions were not sent."""
+        self.displacement, self.speed = self._before
+
     def sample(self, reach_time: float) -> Triple:
         """Return the positions one cycle later [m]."""
+        self._before = self.displacement, self.speed
         slack, direction = ACCELERATION * self._period, math.copysign(1.0, self.goal)
         room = (
             self._window
