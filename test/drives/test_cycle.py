@@ -145,6 +145,7 @@ def test_three_late_overdue_or_foreign_syncs_stop_drives(happen, message, is_pow
     assert causes == [] if message is None else message in causes[0]
     clock.receive(5 * T, 0.0)
     clock.finish(5 * T)
+    clock.finish_commands(5 * T)
     assert clock.causes(3, is_powered) == []
 
 

@@ -8,6 +8,7 @@ import math
 from bus_world import at_rest, SETTINGS
 import pytest
 
+from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.motion.limits import MotionLimits
@@ -52,6 +53,73 @@ def test_second_sync_after_a_stall_keeps_home_positions(make_rig, phase):
     assert (rig.state, rig.snapshot.unhomed) == (ControllerState.ACTIVE, ()), (
         rig.all_causes
     )
+
+
+def latched_targets(rig) -> list[int]:
+    """Return the targets of q2 [counts] that its drive latches at each SYNC from now on."""
+    latched = []
+
+    def listen(cob_id, _):
+        if cob_id == pdo.SYNC_COB_ID:
+            latched.append(rig.drives[1].objects.values[0x607A, 0])
+        return []
+
+    rig.nodes.append(listen)
+    return latched
+
+
+def delay_step(rig, seconds: float, count: int = 1) -> None:
+    """Let the choice of targets take a time [s] in the next cycles."""
+    sample, left = rig.follower.sample, [count]
+
+    def slow_sample(reach_time):
+        targets = sample(reach_time)
+        if left[0]:
+            left[0] -= 1
+            rig.pass_time(seconds)
+        return targets
+
+    rig.follower.sample = slow_sample
+
+
+@pytest.mark.parametrize(
+    ('duration', 'count', 'late'),
+    [
+        (0.4, 2, 0),
+        (0.6, 2, 0),
+        (0.75, 1, 1),
+        (0.75, 2, 2),
+        (0.99, 2, 2),
+        (1.01, 2, 2),
+        (1.2, 1, 1),
+        (1.2, 2, 2),
+        (1.7, 1, 2),
+    ],
+)
+def test_step_that_ends_late_makes_no_double_step(make_rig, duration, count, late):
+    rig = make_rig(has_kernel_sync=True)
+    at_rest(rig)
+    rig.stream(amplitude=0.12, rate=RATE)
+    rig.run(0.5 * math.pi / RATE)
+    latched = latched_targets(rig)
+    late_before = rig.snapshot.cycle.late
+    rig.checks.is_late = True
+    delay_step(rig, duration * SETTINGS.period, count)
+    rig.cycles(8)
+    largest = max(abs(b - a) for a, b in zip(latched, latched[1:], strict=False))
+    fastest = MotionLimits().speed * SETTINGS.period
+    assert rig.axes[1].to_metres(largest) <= 1.01 * fastest
+    assert rig.snapshot.cycle.late - late_before == late
+    assert rig.state is ControllerState.ACTIVE, rig.all_causes
+
+
+def test_three_steps_in_a_row_that_end_late_stop(make_rig):
+    rig = make_rig(has_kernel_sync=True)
+    at_rest(rig)
+    rig.checks.is_late = True
+    delay_step(rig, 0.9 * SETTINGS.period, 3)
+    rig.until_stopped()
+    assert 'the control loop was late 3 cycles in a row' in rig.all_causes
 
 
 def test_set_system_clock_neither_moves_nor_stops_the_drives(rig):
