@@ -65,6 +65,9 @@ class Frame(NamedTuple):
     data: bytes
     time: float  #: time of reception on the monotonic clock [s]
     stamp: float  #: time of reception on the system clock [s]
+    is_local: bool = (
+        False  #: whether SocketCAN marks the frame as sent on this computer
+    )
 
 
 def open_bus(settings: BusSettings) -> can.BusABC:
@@ -166,6 +169,7 @@ class CanBus:
             bytes(message.data),
             time.monotonic() - age,
             message.timestamp,
+            is_local=not message.is_rx,
         )
 
     def send(

@@ -1,14 +1,22 @@
 """
 Clock of the cycle: due times of SYNC, of the step of the loop, and of commands.
 
-Times on the monotonic clock [s] are arguments. A cycle is one SYNC, the answers to
-it, and one step of the control loop. The kernel's broadcast manager sends SYNC where the bus
-offers it. Its period does not depend on the loop, so that late commands are dangerous; the loop
-sends a missing SYNC itself. Elsewhere the loop sends SYNC after its commands.
+Times on the monotonic clock [s] are arguments. A cycle is one SYNC, the answers to it, and one
+step of the control loop. SYNC has one of two senders:
+
+- The kernel's broadcast manager, where the bus offers it. Its period does not depend on the loop.
+  If the step ends after `COMMANDS_DUE`, its commands would reach the drives after the next SYNC,
+  and the drives would latch a double step. Such commands are not sent: the drives hold for a
+  period, and the cycle counts as late. The loop sends a SYNC that is overdue. It counts the SYNCs
+  that another master sends in between.
+- The loop, elsewhere. It sends SYNC after its commands, at least `MIN_GAP` later. A late step
+  delays SYNC instead of missing it. Any received SYNC comes from another master, because an
+  interface does not return frames to their sender.
 """
 
 from __future__ import annotations
 
+from collections import deque
 import math
 
 from facade_manipulator.drives.snapshot import Cause, CycleStatistics, Remedy
@@ -28,7 +36,9 @@ SYNC_OVERDUE, SYNC_MISSING = (
     1.5,
     2.5,
 )  # of the period: with all frames read, with some waiting
-SYNC_TOO_EARLY = 0.5  # of a period: an earlier one is foreign
+SYNC_TOO_EARLY = 0.5  # of a period: an earlier SYNC begins no cycle
+SURPLUS_WINDOW = 1.0  # s, in which surplus SYNCs are counted
+ROUNDING = 1e-6  # periods
 JITTER = (
     0.25  # of the period: a SYNC that is farther from its expected time sets a new one
 )
@@ -55,7 +65,7 @@ class CycleClock:
         self.sync_time = 0.0
         self.sync_stamp = self.smooth_stamp = 0.0
         self.late_in_a_row = 0
-        self.overdue_in_a_row = self.doubled_in_a_row = 0
+        self.overdue_in_a_row = 0
         self.is_open = False
         self.held = 0.0
         self._is_counted_late = False  # whether the present step began too late
@@ -67,9 +77,7 @@ class CycleClock:
         self._next_sync = 0.0
         self.statistics = CycleStatistics()
         self._late_before = 0  # the present window
-        self._is_doubled = (
-            False  # whether an unexpected SYNC of the kernel came since the last
-        )
+        self._received: deque[float] = deque()  # SYNCs of the last `SURPLUS_WINDOW` [s]
         self._waits_since = (
             math.inf
         )  # a step of our own SYNC, for frames that came before
@@ -82,7 +90,7 @@ class CycleClock:
         self.next_event = self._next_sync = now
 
     def causes(self, bound: int, is_powered: bool) -> list[Cause]:
-        """Return the causes of a stop: late loop, missing or doubled SYNC, `bound` times."""
+        """Return the causes of a stop: late loop, missing or surplus SYNC, `bound` times."""
         return [
             Cause(
                 f'{failure.format(count)}, bound {bound}',
@@ -103,9 +111,9 @@ class CycleClock:
                     True,
                 ),
                 (
-                    self.doubled_in_a_row,
+                    self.surplus,
                     'another master is on the bus, SYNC (080h) was received '
-                    'between ours in {} periods',
+                    f'between ours {{}} times within {SURPLUS_WINDOW:g} s',
                     Remedy.OTHER_MASTER,
                     False,
                 ),
@@ -130,19 +138,38 @@ class CycleClock:
                 now + OTHERS_DUE * self.period,
             )
 
+    @property
+    def surplus(self) -> int:
+        """
+        Return how many SYNCs more than those of the kernel were received in `SURPLUS_WINDOW`.
+
+        The kernel may send a SYNC late and the next SYNC in time. Such a pair is not a surplus,
+        because the time since the first SYNC of the window has room for both.
+        """
+        if not self._received:
+            return 0
+        elapsed = self._received[-1] - self._received[0]
+        following = len(self._received) - 1
+        return max(0, int(following - elapsed / self.period + ROUNDING))
+
     def is_unexpected(self, time: float) -> bool:
         """Return whether a SYNC at a time [s] is too early for the period of the kernel."""
         is_early = time < self.sync_time + SYNC_TOO_EARLY * self.period
-        self._is_doubled = self._is_doubled or is_early
+        if is_early:
+            self._count_sync(time)
         return is_early
 
     def receive(self, time: float, stamp: float) -> None:
         """Begin a cycle with the kernel's SYNC at a time [s]."""
         self.overdue_in_a_row = 0
-        self.doubled_in_a_row = self.doubled_in_a_row + 1 if self._is_doubled else 0
-        self._is_doubled = False
+        self._count_sync(time)
         self._next_sync = time + SYNC_OVERDUE * self.period
         self._open(time, stamp)
+
+    def _count_sync(self, time: float) -> None:
+        self._received.append(time)
+        while self._received[0] <= time - SURPLUS_WINDOW:
+            self._received.popleft()
 
     def begin(self, time: float, stamp: float) -> None:
         """Begin a cycle with a SYNC of the loop, also if the kernel's SYNC is overdue."""

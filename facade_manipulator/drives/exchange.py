@@ -1,8 +1,17 @@
 """
 Cyclic exchange on an open bus: receive, supervise, step and command, once per SYNC.
 
-Frames are routed by COB-ID and length; any other frame is ignored. The control thread waits only
-for the next frame or the next deadline.
+The cycle with its times as shares of the period:
+
+    0.0    SYNC: the drives latch the targets of the previous cycle and send their positions
+    ...    the answers arrive; the last one makes the step due
+    0.7    the step is due without further answers
+    0.8    the commands of the step must be sent: targets that come later are withdrawn
+    1.0    the next SYNC
+
+The kernel sends this SYNC at its own time, or else the loop sends it after the commands
+(`cycle`). Frames are routed by COB-ID and length; any other frame is ignored. The control thread
+waits only for the next frame or the next deadline.
 """
 
 from __future__ import annotations
@@ -34,6 +43,7 @@ Route = tuple[
 ]  # length of the data, receiver
 _OPERATIONAL = bytes([5])  # state of this master in its heartbeat
 _IGNORED: Route = (-1, lambda _: None)
+_FOREIGN_SYNC = 'SYNC (080h)', True
 _MASTER_HEARTBEAT = pdo.HEARTBEAT + pdo.MASTER_NODE_ID
 
 
@@ -73,6 +83,7 @@ class CyclicExchange:
         self._targets = targets
         self._next_heartbeat = 0.0
         self._waits_for_sync = False
+        self._has_local_sync = False  # whether our SYNC returns marked as sent here
         #: `read_until`: time [s] until which all received frames have been read
         self._pumped = self._sent = self.read_until = self._now()
         self._routes: dict[
@@ -124,11 +135,22 @@ class CyclicExchange:
             )
         )
 
-    def _on_sync(self, frame: Frame) -> None:
+    def _on_sync(self, frame: Frame) -> Cause | None:
+        """
+        Begin a cycle with the SYNC of the kernel; return the cause of a stop for a foreign one.
+
+        Our SYNC has no data. Where SocketCAN marks it as sent on this computer, a SYNC without
+        this mark is foreign. Elsewhere the clock counts the SYNCs that are too many.
+        """
+        self._has_local_sync = self._has_local_sync or frame.is_local
+        is_unmarked = self._has_local_sync and not frame.is_local
+        if frame.data or is_unmarked:
+            return self._on_other_master(*_FOREIGN_SYNC, frame)
         if not self.clock.is_unexpected(frame.time):
             if self.clock.is_open:
                 self._step(self._now())
             self.clock.receive(frame.time, frame.stamp)
+        return None
 
     def _on_tpdo(self, monitor: AxisMonitor, tpdo: Pdo, frame: Frame) -> Cause | None:
         before = monitor.answers.newest
@@ -156,7 +178,7 @@ class CyclicExchange:
         for monitor in self.group.monitors:
             monitor.begin_supervision(now)
         if self.bus.has_kernel_sync:
-            self._routes[pdo.SYNC_COB_ID] = 0, self._on_sync
+            self._routes[pdo.SYNC_COB_ID] = None, self._on_sync
             self.bus.start_sync(self._settings.period)
 
     def turn(self) -> None:

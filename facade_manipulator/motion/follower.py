@@ -126,7 +126,9 @@ class SetpointFollower:
         self._fastest_at = fastest
         #: the commanded motion; None before the first `reset`
         self.motion: CarriageMotion | None = None
-        self._motion_before: CarriageMotion | None = None  # the last `sample` or `reset`
+        self._motion_before: CarriageMotion | None = (
+            None  # the last `sample` or `reset`
+        )
         self._stop: Iterator[CarriageMotion] = iter(())
         self._stream: TimedBuffer[Setpoint] = TimedBuffer()
         self._writing = Lock()
