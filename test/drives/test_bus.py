@@ -180,3 +180,36 @@ def test_master_that_starts_later_stops_all_and_is_named(rig, situation, name):
     rig.until_stopped()
     assert f'another master is on the bus, {name} was received' in rig.all_causes
     rig.request('clear_faults')
+
+
+# --- a foreign SYNC beside that of the kernel
+
+
+def forge_syncs(rig, period: float, frame=(pdo.SYNC_COB_ID, b'')) -> None:
+    """Send SYNCs of another master with a period [s] from now on."""
+
+    def send():
+        rig.forge(*frame)
+        rig.later(period, send)
+
+    rig.later(0.003, send)
+
+
+@pytest.mark.parametrize('period', [0.005, 0.01, 0.015, 0.037, 0.1, 0.2])
+@pytest.mark.parametrize('data', [b'', b'\x01'])
+def test_foreign_sync_beside_the_kernel_stops_within_a_second(make_rig, period, data):
+    rig = make_rig(has_kernel_sync=True)
+    at_rest(rig)
+    forge_syncs(rig, period, (pdo.SYNC_COB_ID, data))
+    rig.until(lambda: rig.state is ControllerState.STOPPED, 1.0)
+    assert 'another master is on the bus, SYNC (080h) was received' in rig.all_causes
+
+
+def test_unmarked_sync_is_foreign_where_ours_is_marked(make_rig):
+    rig = make_rig(has_kernel_sync=True)
+    rig.marks_kernel_sync = True
+    at_rest(rig)
+    rig.run(1.0)
+    assert rig.state is ControllerState.ACTIVE
+    rig.forge(pdo.SYNC_COB_ID)
+    rig.until(lambda: rig.state is ControllerState.STOPPED, 0.02)

@@ -120,23 +120,15 @@ def overdue(clock, number):
     clock.finish((number + 0.1) * T)
 
 
-def foreign(clock, number):
-    assert clock.is_unexpected((number - 0.6) * T) and not clock.is_unexpected(
-        number * T
-    )
-    clock.receive(number * T, 0.0)
-
-
 @pytest.mark.parametrize(
     ('happen', 'message', 'is_powered'),
     [
         (late, 'the control loop was late 3 cycles in a row, bound 3', True),
         (late, None, False),
         (overdue, 'the kernel sent no SYNC for 3 periods, bound 3', False),
-        (foreign, 'SYNC (080h) was received between ours in 3 periods', False),
     ],
 )
-def test_three_late_overdue_or_foreign_syncs_stop_drives(happen, message, is_powered):
+def test_three_late_or_overdue_syncs_stop_drives(happen, message, is_powered):
     clock = started(has_kernel_sync=True)
     for number in range(1, 4):
         assert clock.causes(3, is_powered) == []
@@ -147,6 +139,47 @@ def test_three_late_overdue_or_foreign_syncs_stop_drives(happen, message, is_pow
     clock.finish(5 * T)
     clock.finish_commands(5 * T)
     assert clock.causes(3, is_powered) == []
+
+
+def receive_syncs(clock, times) -> list[str]:
+    """Receive SYNCs at times [s]; return the causes of a stop after the last one."""
+    for time in sorted(times):
+        if not clock.is_unexpected(time):
+            clock.receive(time, 0.0)
+    return [cause.message for cause in clock.causes(3, False)]
+
+
+@given(st.floats(0.5, 25.0), st.floats(0.0, 1.0), st.floats(0.0, 3.0))
+def test_foreign_sync_of_any_period_is_found_in_a_second(period, phase, start):
+    clock = started(has_kernel_sync=True)
+    kernel = [number * T for number in range(1, 500)]
+    foreign = [start + (phase + number * period) * T for number in range(500)]
+    foreign = [time for time in foreign if time < start + 1.0]
+    before = [time for time in kernel if time < start]
+    assert receive_syncs(clock, before) == []
+    during = [time for time in kernel if start <= time < start + 1.0]
+    (message,) = receive_syncs(clock, [*during, *foreign])
+    assert 'another master is on the bus, SYNC (080h) was received between ours' in (
+        message
+    )
+
+
+@given(st.lists(st.floats(0.0, 2.9), min_size=1, max_size=400))
+def test_late_kernel_syncs_are_not_foreign(delays):
+    clock = started(has_kernel_sync=True)
+    times, sent = [], 0.0
+    for number, delay in enumerate(delays, 1):
+        sent = max(sent, (number + delay * (number % 5 == 0)) * T)
+        times.append(sent)
+        assert receive_syncs(clock, [sent]) == []
+
+
+def test_foreign_sync_that_ended_is_forgotten_after_a_second():
+    clock = started(has_kernel_sync=True)
+    kernel = [number * T for number in range(1, 400)]
+    foreign = [1.003, 1.013, 1.023, 1.033]
+    assert receive_syncs(clock, [one for one in kernel if one < 1.05] + foreign)
+    assert receive_syncs(clock, [one for one in kernel if 1.05 < one < 2.06]) == []
 
 
 @given(st.lists(st.floats(-0.1, 0.1), min_size=2, max_size=50), st.floats(1e9, 2e9))

@@ -37,6 +37,8 @@ class BusWorld:
         self.clock.now = max(self.clock.now, *(drive.now for drive in drives))
         #: further nodes, which take COB-ID and data, and return frames
         self.nodes: list[Callable[[int, bytes], Frames]] = []
+        #: whether the kernel's SYNC returns marked as sent on this computer
+        self.marks_kernel_sync = False
         self.bus: FakeBus | None = None
         self.bus_error: BusError | None = None  #: raised by sending and receiving
         self.heard: list[Frame] = []  #: all frames on the bus
@@ -113,7 +115,9 @@ class BusWorld:
         bus = self.bus
         if bus is not None and self.clock.now >= bus.next_sync:
             bus.next_sync += bus.period
-            self.forge(pdo.SYNC_COB_ID)
+            sync = self._frame(pdo.SYNC_COB_ID, b'')
+            bus.inbox.append(sync._replace(is_local=self.marks_kernel_sync))
+            self.carry(sync.cob_id, sync.data)
 
 
 class FakeBus(CanBus):
