@@ -63,6 +63,7 @@ class SimulatedDrive:
         self.lss = LssSlave(axis.node_id, objects.values)
         self._pdo = ProcessData(objects, lambda: self.inject_fault(PDO_TOO_SHORT))
         self.now = 0.0  #: time of the simulation [s]
+        self._last_sync = 0.0  # that the drive has produced [s]
         self._master_due = (
             math.inf
         )  # time at which the heartbeat of the master is lost [s]
@@ -102,6 +103,8 @@ class SimulatedDrive:
         if now >= self._master_due:
             self._master_due = math.inf
             self.inject_fault(HEARTBEAT_LOST)
+        if now >= self._next_sync:
+            self._send_sync()
         frames = self.objects.outbox.take()
         return [] if self.is_silent or self._boot_at < math.inf else frames
 
@@ -109,7 +112,30 @@ class SimulatedDrive:
     def deadline(self) -> float:
         """Return the latest time of the next call of `advance` without a frame [s]."""
         moving = self.now + _MOTION_PERIOD if self.axis.is_moving else math.inf
-        return min(self._boot_at, self.objects.outbox.due, self._master_due, moving)
+        return min(
+            self._boot_at,
+            self.objects.outbox.due,
+            self._master_due,
+            self._next_sync,
+            moving,
+        )
+
+    @property
+    def _next_sync(self) -> float:
+        """Return the time of the next SYNC that the drive produces [s]."""
+        values = self.objects.values
+        is_producer = values[pdo.SYNC_OBJECT, 0] & pdo.SYNC_PRODUCER
+        is_silent = self._boot_at < math.inf or self.objects.nmt.state == 'STOPPED'
+        if not is_producer or is_silent:
+            return math.inf
+        period = 1e-6 * values.get((pdo.SYNC_PERIOD_OBJECT, 0), 0)
+        return self._last_sync + period if period else math.inf
+
+    def _send_sync(self) -> None:
+        self._last_sync = self.now
+        self.objects.outbox.send_message(pdo.SYNC_COB_ID, b'')
+        if self.objects.nmt.state == 'OPERATIONAL':
+            self._on_sync(pdo.SYNC_COB_ID, b'', self.now)
 
     def _service(
         self, cob_id: int, length: int
@@ -201,6 +227,7 @@ class SimulatedDrive:
 
     def _boot(self) -> None:
         self._boot_at = math.inf
+        self._last_sync = self.now
         if self.node_id != UNCONFIGURED:
             self.objects.nmt.state = 'INITIALISING'  # sends the boot-up message
             self.objects.nmt.state = 'PRE-OPERATIONAL'  # starts the heartbeat
