@@ -28,6 +28,9 @@ PDO_NOT_VALID, RTR_NOT_ALLOWED = (
     1 << 30,
 )  # bits of the COB-ID in 1400h and 1800h
 
+SYNC_OBJECT, SYNC_PERIOD_OBJECT = 0x1005, 0x1006
+SYNC_PRODUCER = 1 << 30  # bit of 1005h: the node sends SYNC with the period 1006h [us]
+
 ALL_BITS = 0xFFFFFFFF
 HIGHEST_FULL_RATE = (
     200  # Hz, maximum rate of cycles at which the bus has room for every PDO

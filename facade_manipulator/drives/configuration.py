@@ -301,6 +301,8 @@ class Drive(SdoChannel):
         )
         self.monitor, self._settings, self._serials = monitor, settings, serials
         self._writes = drive_writes(monitor.profile, monitor.axis, settings)
+        self.produces_sync = False  #: whether the drive was found to send SYNC itself
+        self.sync_period = 0.0  #: period of the SYNC that the drive sends [s]
 
     def identify(self) -> None:
         """Check the identity, and store the serial number."""
@@ -311,7 +313,7 @@ class Drive(SdoChannel):
     def configure(self) -> list[str]:
         """Write and prove all objects; return notes of skipped objects and missing checks."""
         monitor = self.monitor
-        notes = apply(self, self._writes)
+        notes = [*self._end_sync(), *apply(self, self._writes)]
         if problems := self._unit_conflicts():
             raise DriveObjectError('; '.join(problems))
         monitor.stops_without_master = stops_without_master(self, monitor.profile)
@@ -321,6 +323,31 @@ class Drive(SdoChannel):
                 f'{monitor.serial_number}, so that swapped axes are found'
             )
         return notes
+
+    def _find_sync(self) -> int:
+        """Return the COB-ID of SYNC (1005h), and record whether the drive sends SYNC."""
+        cob_id = read_optional(self, pdo.SYNC_OBJECT, 0) or 0
+        if cob_id & pdo.SYNC_PRODUCER:
+            self.produces_sync = True
+            period = read_optional(self, pdo.SYNC_PERIOD_OBJECT, 0) or 0
+            self.sync_period = 1e-6 * period
+        return cob_id
+
+    def _end_sync(self) -> Iterator[str]:
+        """End the SYNC that the drive sends; yield a note for the operator."""
+        cob_id = self._find_sync()
+        if not cob_id & pdo.SYNC_PRODUCER:
+            return
+        found = f'{self.monitor.title} sends SYNC itself (1005h = {cob_id:X}h)'
+        remedy = f'store 1005h = {cob_id & ~pdo.SYNC_PRODUCER:X}h in the drive'
+        try:
+            written = (cob_id & ~pdo.SYNC_PRODUCER).to_bytes(4, 'little')
+            self.write(pdo.SYNC_OBJECT, 0, written)
+        except DriveObjectError as error:
+            raise DriveObjectError(f'{found}: {error}; next: {remedy}') from error
+        if (read_optional(self, pdo.SYNC_OBJECT, 0) or 0) & pdo.SYNC_PRODUCER:
+            raise DriveObjectError(f'{found} and keeps this setting; next: {remedy}')
+        yield f'{found} until configure ends it, after each reset; next: {remedy}'
 
     def _unit_conflicts(self) -> list[str]:
         return [
@@ -347,6 +374,7 @@ class Drive(SdoChannel):
         monitor, state = self.monitor, self._state()
         if state is None:
             return ''  # the drive is absent, or its reset shows the problem
+        self._find_sync()
         velocity = monitor.axis.si_per_unit.velocity * (
             read_optional(self, pdo.VELOCITY, 0, signed=True) or 0
         )

@@ -43,7 +43,7 @@ Route = tuple[
 ]  # length of the data, receiver
 _OPERATIONAL = bytes([5])  # state of this master in its heartbeat
 _IGNORED: Route = (-1, lambda _: None)
-_FOREIGN_SYNC = 'SYNC (080h)', True
+_FOREIGN_SYNC = pdo.frames_of_masters(())[pdo.SYNC_COB_ID]
 _MASTER_HEARTBEAT = pdo.HEARTBEAT + pdo.MASTER_NODE_ID
 
 
@@ -79,6 +79,9 @@ class CyclicExchange:
         self.stops: deque[Cause] = deque(maxlen=16)
         #: whether heartbeats are sent; a bus that was just opened is only listened to
         self.transmits = False
+        #: whether a SYNC before the start is accepted, because a drive may send it
+        self.accepts_sync = True
+        self.has_received_sync = False  #: whether SYNC was received before the start
         self._settings = settings
         self._targets = targets
         self._next_heartbeat = 0.0
@@ -94,6 +97,7 @@ class CyclicExchange:
                 one.axis.node_id for one in monitors
             ).items()
         }
+        self._routes[pdo.SYNC_COB_ID] = None, self._on_early_sync
         for monitor, drive in zip(monitors, self.drives, strict=True):
             node = monitor.axis.node_id
             self._routes |= {
@@ -122,10 +126,7 @@ class CyclicExchange:
     ) -> Cause | None:
         """Return the cause of a stop; raise a BusError until this master starts its cycle."""
         if not self.has_started:
-            raise BusError(
-                f'another master uses this bus: {name} was received; end that master (a second '
-                'driver, a configuration tool), or open another bus'
-            )
+            raise self._other_master(name)
         return (
             None
             if not commands_drives
@@ -134,6 +135,29 @@ class CyclicExchange:
                 Remedy.OTHER_MASTER,
             )
         )
+
+    @staticmethod
+    def _other_master(name: str) -> BusError:
+        return BusError(
+            f'another master uses this bus: {name} was received; end that master (a second '
+            'driver, a configuration tool), or open another bus'
+        )
+
+    def _on_early_sync(self, frame: Frame) -> None:
+        """Record a SYNC before the start; raise a BusError unless a drive may have sent it."""
+        self.has_received_sync = True
+        if not self.accepts_sync:
+            self._on_other_master(*_FOREIGN_SYNC, frame)
+
+    def expect_sync(self, is_expected: bool) -> None:
+        """
+        Expect SYNC of a drive until the start, or no SYNC.
+
+        Raises a BusError if SYNC was received that no drive has sent.
+        """
+        self.accepts_sync = is_expected
+        if self.has_received_sync and not is_expected:
+            raise self._other_master(_FOREIGN_SYNC[0])
 
     def _on_sync(self, frame: Frame) -> Cause | None:
         """
@@ -177,6 +201,10 @@ class CyclicExchange:
         self.group.start(now)
         for monitor in self.group.monitors:
             monitor.begin_supervision(now)
+        self._routes[pdo.SYNC_COB_ID] = (
+            None,
+            partial(self._on_other_master, *_FOREIGN_SYNC),
+        )
         if self.bus.has_kernel_sync:
             self._routes[pdo.SYNC_COB_ID] = None, self._on_sync
             self.bus.start_sync(self._settings.period)

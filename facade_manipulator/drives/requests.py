@@ -207,9 +207,9 @@ def configure(session: Session) -> Steps[str]:
     end = exchange.read_until + LISTEN_PERIODS * settings.heartbeat_period
     while exchange.read_until < end:
         yield
-    if used := ', '.join(
-        filter(None, (yield from _each(session, Drive.use, ASKING_TIMEOUT)))
-    ):
+    uses = yield from _each(session, Drive.use, ASKING_TIMEOUT)
+    exchange.expect_sync(any(one.produces_sync for one in exchange.drives))
+    if used := ', '.join(filter(None, uses)):
         raise DriveStateError(
             f'{used}, which this driver has not commanded: the drives are left unchanged; end '
             'the other master, or switch their supply off and on'
@@ -217,10 +217,27 @@ def configure(session: Session) -> Steps[str]:
     exchange.transmits = True
     notes = yield from _prepare(session, exchange)
     session.notes = tuple(filter(None, (exchange.bus.sync_note, *notes)))
+    yield from _require_end_of_sync(exchange, settings)
     yield from _start_cycle(session, exchange)
     if session.group.is_stopped:
         return f'The drives are configured, but stopped: {session.group.reason}.'
     return f'The drives on {exchange.bus} are configured.'
+
+
+def _require_end_of_sync(
+    exchange: CyclicExchange, settings: ControllerSettings
+) -> Steps[None]:
+    """Listen until no drive sends SYNC; a SYNC of another master raises a BusError."""
+    exchange.has_received_sync = False
+    exchange.expect_sync(False)
+    periods = [one.sync_period for one in exchange.drives if one.produces_sync]
+    if not periods:
+        return
+    end = exchange.read_until + LISTEN_PERIODS * max(
+        settings.heartbeat_period, *periods
+    )
+    while exchange.read_until < end:
+        yield
 
 
 def _start_cycle(session: Session, exchange: CyclicExchange) -> Steps[None]:
