@@ -26,6 +26,12 @@ _FOUR_BYTES = 0x43  # command specifier of an SDO answer with four data bytes
 _LOOK_PERIOD = 0.02  # s, between two checks of a condition on a quiet bus
 _PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
 _ANSWER = 0.25  # s
+_SYNC = pdo.frames_of_masters(())[pdo.SYNC_COB_ID][0]
+_MASTER_REMEDY = 'end the driver or the other tool'
+_SYNC_REMEDY = (
+    f'{_MASTER_REMEDY}; without one a drive sends SYNC itself: clear bit 30 of its 1005h '
+    'with the tool of its maker'
+)
 
 
 class ToolBus(Clock):
@@ -62,7 +68,7 @@ class ToolBus(Clock):
         ]:
             raise DriveStateError(
                 f'the bus {self.frames} is in use by another master: {heard[0]} was received; '
-                'next: end the driver or the other tool'
+                f'next: {_SYNC_REMEDY if set(heard) == {_SYNC} else _MASTER_REMEDY}'
             )
 
     def serial_numbers(self, node_ids: Iterable[int]) -> dict[int, list[int]]:

@@ -180,6 +180,13 @@ def test_commands_are_rejected_beside_another_master(make_rig, rejected, frame):
     assert {drive.lss.stored for drive in rig.drives} == {1}
 
 
+def test_drive_that_sends_sync_is_a_possible_sender(make_rig, rejected):
+    rig = make_rig()
+    rig.drives[1].objects.stored |= {(0x1005, 0): 0x40000080, (0x1006, 0): 50_000}
+    rig.power_cut()
+    assert 'a drive sends SYNC itself: clear bit 30 of its 1005h' in rejected('scan')
+
+
 def test_drives_without_lss_need_the_tool_of_their_maker(make_rig, rejected):
     rig = make_rig('--new')
     for drive in rig.drives:
