@@ -30,7 +30,7 @@ from facade_manipulator.canopen.link import (
     check_link,
     restart_command,
 )
-from facade_manipulator.canopen.pdo import NMT_COB_ID, SYNC_COB_ID
+from facade_manipulator.canopen.pdo import NMT_COB_ID, REMOTE_FRAME, SYNC_COB_ID
 from facade_manipulator.errors import BusError
 
 MAXIMUM_STAMP_AGE = 10.0  # s: an older stamp comes from another clock
@@ -59,9 +59,9 @@ _CONDITIONS = {
 
 
 class Frame(NamedTuple):
-    """Standard data frame with its times of reception."""
+    """Standard frame with its times of reception."""
 
-    cob_id: int
+    cob_id: int  #: with the bit `pdo.REMOTE_FRAME` for a remote frame
     data: bytes
     time: float  #: time of reception on the monotonic clock [s]
     stamp: float  #: time of reception on the system clock [s]
@@ -129,12 +129,16 @@ class CanBus:
         return f'{self._bus.channel_info}{hint if self.is_virtual else ""}'
 
     def listen_to(self, cob_ids: tuple[int, ...]) -> None:
-        """Let the kernel drop all frames except those of the given COB-IDs, on SocketCAN."""
+        """
+        Let the kernel drop all frames except those of the given COB-IDs, on SocketCAN.
+
+        Data frames and remote frames with these COB-IDs are received.
+        """
         if isinstance(self._bus, SocketcanBus):
             self._bus.set_filters(
                 [
                     {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False}
-                    for cob_id in cob_ids
+                    for cob_id in sorted({one & 0x7FF for one in cob_ids})
                 ]
             )
 
@@ -157,15 +161,16 @@ class CanBus:
                 message.arbitration_id, bytes(message.data).ljust(2, b'\0')[1]
             )
             return None
-        if message.is_extended_id or message.is_remote_frame or message.is_fd:
+        if message.is_extended_id or message.is_fd:
             self.statistics.ignored += 1
             return None
         self.statistics.received += 1
         age = time.time() - message.timestamp
         if not 0.0 <= age < MAXIMUM_STAMP_AGE:
             age = 0.0  # the system clock was set after reception
+        remote = REMOTE_FRAME if message.is_remote_frame else 0
         return Frame(
-            message.arbitration_id,
+            message.arbitration_id | remote,
             bytes(message.data),
             time.monotonic() - age,
             message.timestamp,

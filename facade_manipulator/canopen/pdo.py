@@ -22,12 +22,15 @@ NMT_COB_ID = 0x000
 SYNC_COB_ID = 0x080
 # COB-IDs of the predefined connection set; the node id is added
 EMERGENCY, SDO_RESPONSE, SDO_REQUEST, HEARTBEAT = 0x080, 0x580, 0x600, 0x700
+LSS_REQUEST = 0x7E5
 MASTER_NODE_ID = 127
+REMOTE_FRAME = 1 << 30  # marks the COB-ID of a received remote frame, as in SocketCAN
 PDO_NOT_VALID, RTR_NOT_ALLOWED = (
     1 << 31,
     1 << 30,
 )  # bits of the COB-ID in 1400h and 1800h
 
+GUARD_TIME_OBJECT = 0x100C  # ms
 SYNC_OBJECT, SYNC_PERIOD_OBJECT = 0x1005, 0x1006
 SYNC_PRODUCER = 1 << 30  # bit of 1005h: the node sends SYNC with the period 1006h [us]
 
@@ -192,10 +195,20 @@ def frames_of_masters(node_ids: Iterable[int]) -> dict[int, tuple[str, bool]]:
         HEARTBEAT + MASTER_NODE_ID: ('its heartbeat (77Fh)', True),
         SYNC_COB_ID: ('SYNC (080h)', True),
         NMT_COB_ID: ('an NMT command', False),
+        LSS_REQUEST: ('an LSS request (7E5h)', False),
     }
     for node in node_ids:
-        frames[RPDO1.cob_id(node)] = f'process data for node {node}', True
+        for pdo in map(Pdo, PDO_NAMES):
+            if pdo.is_transmitted:
+                frames[REMOTE_FRAME | pdo.cob_id(node)] = (
+                    f'a remote request to node {node}',
+                    False,
+                )
+            else:
+                frames[pdo.cob_id(node)] = f'process data for node {node}', True
         frames[SDO_REQUEST + node] = f'an SDO request to node {node}', False
+        guarding = f'node guarding of node {node} (RTR to {HEARTBEAT + node:03X}h)'
+        frames[REMOTE_FRAME | (HEARTBEAT + node)] = guarding, False
     return frames
 
 

@@ -303,6 +303,7 @@ class Drive(SdoChannel):
         self._writes = drive_writes(monitor.profile, monitor.axis, settings)
         self.produces_sync = False  #: whether the drive was found to send SYNC itself
         self.sync_period = 0.0  #: period of the SYNC that the drive sends [s]
+        self.guard_time = 0.0  #: period in which a master may guard the drive [s]
 
     def identify(self) -> None:
         """Check the identity, and store the serial number."""
@@ -375,6 +376,7 @@ class Drive(SdoChannel):
         if state is None:
             return ''  # the drive is absent, or its reset shows the problem
         self._find_sync()
+        self.guard_time = 1e-3 * (read_optional(self, pdo.GUARD_TIME_OBJECT, 0) or 0)
         velocity = monitor.axis.si_per_unit.velocity * (
             read_optional(self, pdo.VELOCITY, 0, signed=True) or 0
         )

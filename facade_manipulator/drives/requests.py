@@ -53,6 +53,7 @@ TURN_TIMEOUT = (
 )
 STOP_AND_CUT = 2  # steps: a drive that still moves is stopped before it loses its power
 LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
+LONGEST_LISTENING = 5.0  # s, for a guarding or a SYNC of a drive with a long period
 SLOWEST = 20  # cycles in which each TPDO is sent once at 200 Hz; step_timeout covers faster rates
 Result = TypeVar('Result')
 Steps = Generator[None, None, Result]
@@ -204,9 +205,7 @@ def configure(session: Session) -> Steps[str]:
     frame of another master ends it with a BusError.
     """
     exchange, settings = session.open(), session.settings
-    end = exchange.read_until + LISTEN_PERIODS * settings.heartbeat_period
-    while exchange.read_until < end:
-        yield
+    yield from _listen(exchange, LISTEN_PERIODS * settings.heartbeat_period)
     uses = yield from _each(session, Drive.use, ASKING_TIMEOUT)
     exchange.expect_sync(any(one.produces_sync for one in exchange.drives))
     if used := ', '.join(filter(None, uses)):
@@ -214,6 +213,8 @@ def configure(session: Session) -> Steps[str]:
             f'{used}, which this driver has not commanded: the drives are left unchanged; end '
             'the other master, or switch their supply off and on'
         )
+    guard_time = max(one.guard_time for one in exchange.drives)
+    yield from _listen(exchange, LISTEN_PERIODS * guard_time)
     exchange.transmits = True
     notes = yield from _prepare(session, exchange)
     session.notes = tuple(filter(None, (exchange.bus.sync_note, *notes)))
@@ -222,6 +223,13 @@ def configure(session: Session) -> Steps[str]:
     if session.group.is_stopped:
         return f'The drives are configured, but stopped: {session.group.reason}.'
     return f'The drives on {exchange.bus} are configured.'
+
+
+def _listen(exchange: CyclicExchange, seconds: float) -> Steps[None]:
+    """Receive the frames of a time [s], which raise a BusError if a master sends them."""
+    end = exchange.read_until + min(seconds, LONGEST_LISTENING)
+    while exchange.read_until < end:
+        yield
 
 
 def _require_end_of_sync(
@@ -233,11 +241,8 @@ def _require_end_of_sync(
     periods = [one.sync_period for one in exchange.drives if one.produces_sync]
     if not periods:
         return
-    end = exchange.read_until + LISTEN_PERIODS * max(
-        settings.heartbeat_period, *periods
-    )
-    while exchange.read_until < end:
-        yield
+    longest = max(settings.heartbeat_period, *periods)
+    yield from _listen(exchange, LISTEN_PERIODS * longest)
 
 
 def _start_cycle(session: Session, exchange: CyclicExchange) -> Steps[None]:
