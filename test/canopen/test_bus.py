@@ -16,6 +16,7 @@ from facade_manipulator.canopen import bus as bus_module
 from facade_manipulator.canopen import link
 from facade_manipulator.canopen.bus import BusCongestedError, CanBus, open_bus
 from facade_manipulator.canopen.link import BusSettings, check_link
+from facade_manipulator.canopen.pdo import REMOTE_FRAME
 from facade_manipulator.errors import BusError
 
 MEGABIT = 1_000_000
@@ -95,7 +96,6 @@ def test_frame_arrives_as_sent_with_its_time(wire, cob_id, data):
     ('content', 'counted'),
     [
         (frame(EXTENDED | 0x181, b'abc'), 'ignored'),
-        (frame(REMOTE | 0x181), 'ignored'),
         (frame(0x181, b'abc') + bytes(56), 'ignored'),  # CAN FD
         (frame(ERROR | 0x004, bytes(8)), 'error_frames'),
     ],
@@ -105,6 +105,21 @@ def test_frame_of_another_kind_is_counted_and_dropped(wire, content, counted):
     far.send(content)
     assert bus.receive(1.0) is None
     assert (getattr(bus.statistics, counted), bus.statistics.received) == (1, 0)
+
+
+def test_remote_frame_is_marked_in_its_cob_id(wire):
+    bus, far = wire
+    far.send(frame(REMOTE | 0x702))
+    received = bus.receive(1.0)
+    assert received.cob_id == REMOTE_FRAME | 0x702 and not received.data
+
+
+@pytest.mark.parametrize(('is_rx', 'is_local'), [(True, False), (False, True)])
+def test_frame_sent_on_this_computer_is_marked(pair, monkeypatch, is_rx, is_local):
+    bus, _ = pair
+    message = can.Message(arbitration_id=0x80, is_extended_id=False, is_rx=is_rx)
+    monkeypatch.setattr(bus._bus, '_recv_internal', lambda timeout: (message, True))
+    assert bus.receive(0.0).is_local is is_local
 
 
 @pytest.mark.parametrize('bus', ['wire', 'pair'])

@@ -139,6 +139,10 @@ FRAMES = {
     'process data for node 3': (pdo.RPDO1.cob_id(3), bytes(7)),
     'an SDO request to node 1': (0x601, b'\x40\x00\x10' + bytes(5)),
     'an NMT command': (0x000, b'\x01\x00'),
+    'an LSS request (7E5h)': (0x7E5, b'\x04\x01' + bytes(6)),
+    'process data for node 2': (0x402, bytes(2)),
+    'node guarding of node 3 (RTR to 703h)': (pdo.REMOTE_FRAME | 0x703, b''),
+    'a remote request to node 1': (pdo.REMOTE_FRAME | 0x281, b''),
 }
 
 
@@ -167,6 +171,19 @@ def test_configure_sends_nothing_beside_another_master(rig, name):
     assert sent <= {FRAMES[name]}
     assert rig.state is ControllerState.UNCONFIGURED
     rig.request('configure')
+
+
+def test_drives_that_a_master_seldom_guards_are_left_unchanged(rig):
+    """A guard time of 100Ch shows how long the other master may be silent."""
+    for drive in rig.drives:
+        drive.objects.stored[0x100C, 0] = 800
+        drive.reboot()
+    rig.run(0.1)
+    rig.later(0.7, lambda: rig.forge(pdo.REMOTE_FRAME | 0x702))
+    rig.frames()
+    message = rig.rejection('configure')
+    assert 'another master uses this bus: node guarding of node 2' in message
+    assert not any(one.cob_id == pdo.NMT_COB_ID for one in rig.frames())
 
 
 def test_configure_sends_nothing_within_two_heartbeats(rig):
