@@ -1,16 +1,18 @@
 """
 Launch one manipulator: driver, and compensator with ik_service in one process.
 
-The driver is configured at once; only an operator's request powers the drives on. With
+The driver configures itself at its start; only an operator's request powers the drives on. With
 `use_mock_hardware` the drives and the gondola are simulated. Robot_state_publisher is started if
 it is installed. With `record` the topics are recorded as record.launch.py describes.
 
 The end of one node ends all nodes; launch then has exit status 1 unless the exit status of that
-node was 0. In any order, the driver itself brings the carriages to rest, powers off and closes the
-bus. The end of estimator, robot_state_publisher or recorder ends no other node.
+node was 0, or Ctrl-C ended it. In any order, the driver brings the carriages to rest, powers
+off and closes the bus. The end of estimator, robot_state_publisher or recorder does not end any
+other node.
 """
 
 from pathlib import Path
+import signal
 
 from ament_index_python.packages import get_packages_with_prefixes
 from launch import LaunchDescription
@@ -24,13 +26,11 @@ from launch.actions import (
 )
 from launch.conditions import IfCondition
 from launch.event_handlers import OnProcessExit
-from launch.events import matches_action, Shutdown
+from launch.events import Shutdown
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import LifecycleNode, Node
-from launch_ros.events.lifecycle import ChangeState
+from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from lifecycle_msgs.msg import Transition
 
 from facade_manipulator import config_path, topics
 from facade_manipulator.kinematics import Geometry, urdf
@@ -41,6 +41,8 @@ from facade_manipulator.resources import machine_files
 PACKAGE = 'facade_manipulator'
 RECORDING = Path(__file__).with_name('record.launch.py')
 BOOLEAN = ['true', 'false', 'True', 'False']
+# Ctrl-C may end a node before launch itself receives it, also while the node still starts.
+ORDERLY_ENDS = (0, -signal.SIGINT)
 RESPAWN = {'respawn': True, 'respawn_delay': 2.0}  # s
 DRIVER_PATIENCE = (
     '15.0'  # s: the driver ramps down, powers off and closes the bus before it ends
@@ -82,13 +84,17 @@ def _manipulator(context) -> list:
     """Return the package's nodes; `can_interface` overrides the driver's parameter files."""
     files = _parameter_files(context)
     channel = LaunchConfiguration('can_interface').perform(context)
-    override = [{'bus.channel': channel}] if channel and not _is_mock(context) else []
-    driver = LifecycleNode(
+    # A transition requested by launch would race with Ctrl-C: launch_ros uses its node while it
+    # destroys the node.
+    override = {'configure_at_start': True}
+    if channel and not _is_mock(context):
+        override['bus.channel'] = channel
+    driver = Node(
         package=PACKAGE,
         executable='driver',
         name='driver',
         sigterm_timeout=DRIVER_PATIENCE,
-        parameters=[*files, *override],
+        parameters=[*files, override],
         **_common(context, 'driver'),
     )
     others = (
@@ -115,13 +121,7 @@ def _manipulator(context) -> list:
         **RESPAWN,
         **_common(context, 'disturbance_estimator'),
     )
-    configure = EmitEvent(
-        event=ChangeState(
-            lifecycle_node_matcher=matches_action(driver),
-            transition_id=Transition.TRANSITION_CONFIGURE,
-        )
-    )
-    return [*(_end_with(node) for node in nodes), *nodes, estimator, configure]
+    return [*(_end_with(node) for node in nodes), *nodes, estimator]
 
 
 def _end_with(node: Node) -> RegisterEventHandler:
@@ -131,7 +131,7 @@ def _end_with(node: Node) -> RegisterEventHandler:
         if context.is_shutdown:
             return []
         reason = f'{event.process_name} ended with exit status {event.returncode}'
-        if event.returncode != 0:
+        if event.returncode not in ORDERLY_ENDS:
             raise RuntimeError(reason)  # ends all nodes, and launch with exit status 1
         return [EmitEvent(event=Shutdown(reason=reason))]
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import re
 import signal
 import sys
+import time
 
 from ament_index_python.packages import get_packages_with_prefixes
 from lifecycle_msgs.msg import State
@@ -140,6 +141,25 @@ def test_mock_hardware_is_configured_and_ends_in_order(launch, ros):
     assert process.wait(DEADLINE) == 0
     log = process.log.read_text()
     assert log.count('process has finished cleanly') == len(EXECUTABLES)
+
+
+@pytest.mark.parametrize('delay', [0.0, 0.8, 1.6, 2.4, 3.2])
+def test_ctrl_c_before_the_configuration_ends_in_order(launch, delay):
+    process = launch('use_mock_hardware:=true')
+    until_logged(process, 'process started with pid')
+    time.sleep(delay)  # s: another moment of the start
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.wait(DEADLINE) == 0
+    assert not any(map(command, pids_of(process).values()))
+    assert '[launch]: Caught exception' not in process.log.read_text()
+
+
+def test_launch_itself_joins_no_ros_graph(launch, ros):
+    launch('use_mock_hardware:=true')
+    operator = ros.node('operator')
+    expected = {'driver', 'compensator', 'ik_service', 'gondola_simulator', 'operator'}
+    ros.until(lambda: expected <= {*operator.get_node_names()}, 'the nodes')
+    assert {*operator.get_node_names()} == expected
 
 
 @pytest.mark.parametrize('victim', ['manipulator', 'driver'])
