@@ -30,6 +30,7 @@ GOAL_PERIOD = 0.2  # s, period of goal_status while the head moves
 ARRIVAL_TIME = (
     1.0  # s after its path, in which the head reaches a goal if nothing holds it back
 )
+NEWER_GOAL = 'a newer goal was received'
 UNCORRECTED = (CorrectionMode.DISABLED, CorrectionMode.NO_ESTIMATE)
 GOAL_LEVELS = {
     GoalState.HELD_BACK: 'warn',
@@ -153,11 +154,12 @@ class GoalReport:
         ] = {}  # stamp and reason of the last rejected goal
         self._published: tuple[GoalState | None, str] = (None, '')
         self._next = -math.inf
+        self._last: Component | None = None
 
     def accept(self, stamp: str) -> None:
         """Report on another goal from now on; it supersedes the previous goal."""
         if stamp != self.stamp:
-            self.end('a newer goal was received', GoalState.SUPERSEDED)
+            self.end(NEWER_GOAL, GoalState.SUPERSEDED)
         self.stamp, self._rejected = stamp, {}
         self.watch.begin()
         self.send(stamp, GoalProgress(GoalState.ACCEPTED), '')
@@ -166,6 +168,15 @@ class GoalReport:
         """Report the reason of a rejected goal; the report on the followed goal continues."""
         self._rejected = {'rejected goal stamp': stamp, 'rejection': reason}
         self.send(stamp, GoalProgress(GoalState.REJECTED), reason)
+
+    def repeat(self) -> None:
+        """Publish the last report again, because its goal was sent again."""
+        if self._last is not None:
+            self._publish(self._last)
+
+    def supersede(self, stamp: str) -> None:
+        """Report that a newer goal has replaced a goal that was not yet accepted."""
+        self.send(stamp, GoalProgress(GoalState.SUPERSEDED), NEWER_GOAL)
 
     def end(self, reason: str, state: GoalState = GoalState.ENDED) -> None:
         """Report why a goal is no longer followed; a reached goal is not superseded."""
@@ -233,11 +244,10 @@ class GoalReport:
                 'followed y [mm]': 1e3 * goal.y,
                 'followed angle [deg]': math.degrees(goal.theta),
             }
-        self._publish(
-            (
-                'goal',
-                GOAL_LEVELS.get(state, 'ok'),
-                f'{state.value}: {reason}' if reason else state.value,
-                values | self._rejected,
-            )
+        self._last = (
+            'goal',
+            GOAL_LEVELS.get(state, 'ok'),
+            f'{state.value}: {reason}' if reason else state.value,
+            values | self._rejected,
         )
+        self._publish(self._last)

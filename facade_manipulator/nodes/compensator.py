@@ -46,7 +46,7 @@ from facade_manipulator.nodes.diagnostics import (
     Diagnostics,
     LOG_PERIOD,
 )
-from facade_manipulator.nodes.driver_status import DriverWatch, SILENT
+from facade_manipulator.nodes.driver_status import DriverWatch, SILENT, STATUS_PERIOD
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
@@ -92,7 +92,10 @@ class CompensatorNode(Node):
                 }
             ),
         )
-        self._goal: Goal | None = None  # the newest
+        self._goal: Goal | None = None  # that is followed
+        #: waits for the driver's status after the activation
+        self._waiting: Goal | None = None
+        self._newest: PoseStamped | None = None  # message of the newest goal
         self._out_of_plane = messages.OutOfPlane(0.0, 0.0)  # of the newest estimate
 
         self.diagnostics = Diagnostics(self, self._components)
@@ -145,55 +148,88 @@ class CompensatorNode(Node):
 
     def _receive_goal(self, message: PoseStamped) -> None:
         time = messages.seconds(message.header.stamp)
-        pose, text = messages.planar_pose(message.pose, 'goal_pose'), stamp_of(message)
-        followed = self._goal
-        if (
-            followed is not None
-            and followed.stamp == self._progress.stamp != ''
-            and (followed.pose == pose and (not time or text == followed.stamp))
-        ):
-            return  # a repetition, with its stamp or without
+        pose = messages.planar_pose(message.pose, 'goal_pose')
+        if self._is_repetition(message, pose):
+            return
+        self._newest = message
         messages.require_recent_command('goal_pose', time, ros_time())
         if self._driver.status is SILENT:  # two publishers silence the driver
             self.inputs.require_sole(topics.DRIVER_STATUS.name)
-        goal = Goal(monotonic(), text, pose)
-        self._follow(goal)
-        self._goal = None if self._driver.status is SILENT else goal
-        if idle := self._driver.idle:
-            reason = f'{idle}; next: send the goal again when the drives are active'
-            self.diagnostics.reject(
-                InputError(idle.state, reason), 'goal_pose rejected'
-            )
-            self._progress.reject(goal.stamp, reason)
+        self._compensator.require_inside(pose)
+        goal = Goal(monotonic(), stamp_of(message), pose)
+        if self._waiting is not None:
+            self._progress.supersede(self._waiting.stamp)
+            self._waiting = None
+        if self._driver.may_move(goal.received):
+            self._follow(goal)
         else:
-            self._progress.accept(goal.stamp)
+            self._waiting = goal
+        if self._driver.status is SILENT:
+            self._reject_waiting()
+
+    def _is_repetition(self, message: PoseStamped, pose: Pose) -> bool:
+        """
+        Return whether a message repeats the newest goal.
+
+        A goal with a stamp is answered once: after its rejection or its end, the answer is
+        published again. A goal without a stamp is repeated while it is followed or waits.
+        """
+        if message.header.stamp != Time():
+            if message != self._newest:
+                return False
+            if self._waiting is None and not self._progress.stamp:
+                self._progress.repeat()
+            return True
+        goal = self._waiting or (self._goal if self._progress.stamp else None)
+        return goal is not None and goal.pose == pose
 
     def _reject_goal(self, message: PoseStamped, error: ManipulatorError) -> None:
-        self._progress.reject(stamp_of(message), str(error))
+        self._newest = message
+        stamp = stamp_of(message)
+        accepted = [self._progress.stamp]
+        if self._waiting is not None:
+            accepted.append(self._waiting.stamp)
+        if stamp not in accepted:  # a repetition does not change the answer
+            self._progress.reject(stamp, str(error))
+
+    def _reject_waiting(self) -> None:
+        """Reject the waiting goal, because the drives do not follow it."""
+        goal = self._waiting
+        if goal is None:
+            return
+        self._waiting = None
+        idle = self._driver.idle
+        cause = str(idle) if idle else 'it was sent before the drives were activated'
+        kind = idle.state if idle else 'inactive'
+        reason = (
+            f'{cause}; next: send the goal with a new stamp when the drives are active'
+        )
+        self.diagnostics.reject(InputError(kind, reason), 'goal_pose rejected')
+        self._progress.reject(goal.stamp, reason)
 
     def _choose_goal(self) -> None:
-        """Follow the newest goal unless it was received before the activation of the drives."""
-        if self._goal is not None:
-            with (
-                self.diagnostics.counted()
-            ):  # the limits may have been changed in the meantime
-                if (
-                    self._follow(self._goal)
-                    and self._goal.stamp
-                    and not self._progress.stamp
-                ):
-                    self._progress.accept(self._goal.stamp)
-        if self._driver.status is SILENT:  # its return must not start a motion
+        """Follow the waiting goal, or drop the followed goal, after a change of the driver."""
+        if self._goal is not None and not self._driver.may_move(self._goal.received):
             self._goal = None
+            self._compensator.drop_goal()
+            self._progress.end(str(self._driver.status))
+        if self._waiting is None:
+            return
+        if self._driver.may_move(self._waiting.received):
+            goal = self._waiting
+            self._waiting = None
+            try:  # the limits may have been changed in the meantime
+                self._follow(goal)
+            except ManipulatorError as error:
+                self.diagnostics.reject(error, 'goal_pose rejected')
+                self._progress.reject(goal.stamp, str(error))
+        elif self._driver.status is SILENT or not self._driver.idle:
+            self._reject_waiting()
 
-    def _follow(self, goal: Goal) -> bool:
-        if self._driver.may_move(goal.received):
-            self._compensator.set_goal(goal.pose)
-            return True
-        self._compensator.drop_goal()
-        self._progress.end(str(self._driver.status))
-        self._compensator.require_inside(goal.pose)
-        return False
+    def _follow(self, goal: Goal) -> None:
+        self._compensator.set_goal(goal.pose)
+        self._goal = goal
+        self._progress.accept(goal.stamp)
 
     def _add_estimate(self, message: PoseWithCovarianceStamped | Odometry) -> None:
         child = getattr(
@@ -258,6 +294,11 @@ class CompensatorNode(Node):
     def _report_change(self) -> None:
         """Publish the progress of the goal, and diagnostics that have changed."""
         now = ros_time()
+        if (
+            self._waiting is not None
+            and monotonic() - self._waiting.received > STATUS_PERIOD
+        ):
+            self._reject_waiting()
         self._progress.update(now)
         self.diagnostics.publish_change(
             report.correction_outcome(self._compensator, now, self.inputs.fault)

@@ -10,16 +10,20 @@ from geometry_msgs.msg import (
     WrenchStamped,
 )
 from geometry_msgs.msg import Pose as PoseMessage
+from hypothesis import given
+from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 from nodes.bench import NodeBench
 import pytest
 from std_srvs.srv import SetBool
 
 from facade_manipulator import topics
+from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.kinematics.planar import compose, millimetres
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.conversions import pose_message, pose_stamped, stamp
+from facade_manipulator.nodes.driver_status import DriverStatus, SILENT
 from facade_manipulator.nodes.messages import planar_pose, seconds, status_values
 
 GOAL = Pose(0.03, 0.25, 0.02)
@@ -226,15 +230,129 @@ def test_second_driver_is_named_as_the_cause_of_silence(ros, neighbours):
     assert neighbours.rejection_count() == 1 and second.get_subscription_count() == 1
 
 
-def test_goal_right_after_the_activation_is_followed(neighbours):
+def test_goal_right_after_the_activation_is_followed(neighbours, monkeypatch):
     """The goal may arrive before the driver's status, which another process publishes."""
+    monkeypatch.setattr('facade_manipulator.nodes.compensator.STATUS_PERIOD', 60.0)
     neighbours.publish_driver('activating')
     since = neighbours.now()
     neighbours.send_goal()
-    neighbours.ros.until(lambda: neighbours.tested._goal, 'the goal')
+    neighbours.ros.until(lambda: neighbours.tested._waiting, 'the goal')
     neighbours.publish_driver('active', since=since)
     neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
     neighbours.until_goal_status('accepted')
+
+
+class GoalAnswers:
+    """Compensator without a running clock or middleware, and its answers by stamp."""
+
+    def __init__(self, ros, monkeypatch):
+        self.time = 1000.0
+        for module in ('compensator', 'driver_status', 'conversions'):
+            monkeypatch.setattr(
+                f'facade_manipulator.nodes.{module}.ros_time', lambda: self.time
+            )
+        monkeypatch.setattr(
+            'facade_manipulator.nodes.compensator.monotonic', lambda: self.time
+        )
+        monkeypatch.setattr(
+            'facade_manipulator.nodes.driver_status.time.monotonic', lambda: self.time
+        )
+        self.node = ros.add(CompensatorNode())
+        self.node._progress._publish = self._record
+        self._goals = 0
+        self.states = {}
+
+    def _record(self, component):
+        values = component[-1]
+        self.states.setdefault(values['goal stamp'], []).append(values['state'])
+
+    def goal(self):
+        """Send a new goal."""
+        self._goals += 1
+        pose = Pose(1e-4 * (self._goals % 100), 0.25, 0.0)
+        self._message = pose_stamped('facade', self.time, pose)
+        self.repeat()
+
+    def repeat(self):
+        """Send the last goal again, with the same stamp."""
+        try:
+            self.node._receive_goal(self._message)
+        except InputError as error:
+            self.node._reject_goal(self._message, error)
+
+    def driver(self, state, since=math.inf):
+        self.node._driver._change(DriverStatus(state, 'holding', 'activate', since))
+
+    def activate(self):
+        """Report drives that were activated 0.1 s before this report."""
+        self.driver('active', self.time - 0.1)
+
+    def inactivate(self):
+        self.driver('inactive')
+
+    def start_activation(self):
+        self.driver('activating')
+
+    def silence(self):
+        self.node._driver._change(SILENT)
+
+    def wait(self, seconds=0.06):
+        self.time += seconds
+        self.node._report_change()
+
+    def wait_long(self):
+        self.wait(0.6)
+
+
+GOAL_EVENTS = (
+    'goal repeat activate inactivate start_activation silence wait wait_long'.split()
+)
+
+
+def test_goal_gets_one_answer_for_any_order_of_events(ros, monkeypatch):
+    answers = GoalAnswers(ros, monkeypatch)
+
+    @given(st.lists(st.sampled_from(GOAL_EVENTS), max_size=12))
+    def check(events):
+        answers.inactivate()  # ends the goal of the previous example
+        answers.wait_long()
+        answers.states.clear()
+        for event in ('goal', *events, 'wait_long', 'wait_long'):
+            answers.time += 1e-3
+            getattr(answers, event)()
+        for states in answers.states.values():
+            first = states[0]
+            assert first in ('accepted', 'rejected', 'superseded')
+            if first == 'accepted':
+                assert states.count('accepted') == 1 and 'rejected' not in states
+            else:
+                assert {*states} == {first}
+
+    check()
+
+
+@pytest.mark.parametrize(
+    'later, answer',
+    [
+        (['activate'], 'accepted'),
+        (['start_activation', 'activate', 'repeat'], 'accepted'),
+        (['wait_long', 'activate', 'repeat'], 'rejected'),
+        (['wait_long', 'repeat', 'activate'], 'rejected'),
+        (['silence', 'activate', 'repeat'], 'rejected'),
+        (['wait'] * 3 + ['activate'], 'rejected'),
+        (['goal'], 'superseded'),
+    ],
+)
+def test_goal_before_driver_status_is_answered_in_time(ros, monkeypatch, later, answer):
+    answers = GoalAnswers(ros, monkeypatch)
+    for event in ('inactivate', 'goal'):
+        getattr(answers, event)()
+    assert answers.states == {}
+    for event in later:
+        answers.time += 1e-3
+        getattr(answers, event)()
+    (stamp, states), *_ = answers.states.items()
+    assert {*states} == {answer}
 
 
 @pytest.mark.parametrize('during', [False, True])
