@@ -25,10 +25,11 @@ EMERGENCY, SDO_RESPONSE, SDO_REQUEST, HEARTBEAT = 0x080, 0x580, 0x600, 0x700
 LSS_REQUEST = 0x7E5
 MASTER_NODE_ID = 127
 REMOTE_FRAME = 1 << 30  # marks the COB-ID of a received remote frame, as in SocketCAN
-PDO_NOT_VALID, RTR_NOT_ALLOWED = (
-    1 << 31,
-    1 << 30,
-)  # bits of the COB-ID in 1400h and 1800h
+# bits of a COB-ID in the objects of a node
+PDO_NOT_VALID = 1 << 31
+RTR_NOT_ALLOWED = 1 << 30
+EXTENDED_FRAME = 1 << 29
+COB_ID_BITS = 0x7FF
 
 GUARD_TIME_OBJECT = 0x100C  # ms
 SYNC_OBJECT, SYNC_PERIOD_OBJECT = 0x1005, 0x1006
@@ -146,7 +147,7 @@ class Pdo:
                 1,
                 self._cob_id_entry(node_id),
                 4,
-                compared=ALL_BITS & ~RTR_NOT_ALLOWED,
+                compared=PDO_NOT_VALID | EXTENDED_FRAME | COB_ID_BITS,
             ),
         ]
 

@@ -35,6 +35,47 @@ def expedited_download(index: int, subindex: int, data: bytes) -> bytes:
     return struct.pack('<BHB4s', specifier, index, subindex, data)
 
 
+# server command specifiers, bits 7 to 5 of the first byte of an answer (CiA 301)
+_UPLOADED_SEGMENT, _DOWNLOADED_SEGMENT, _UPLOAD, _DOWNLOAD, _ABORT = range(5)
+# the bits of the first byte that are not reserved
+_USED_BITS = {
+    _UPLOADED_SEGMENT: 0xFF,
+    _DOWNLOADED_SEGMENT: 0xF0,
+    _UPLOAD: 0xEF,
+    _DOWNLOAD: 0xE0,
+    _ABORT: 0xE0,
+}
+_EXPEDITED, _HAS_SIZE = 0x02, 0x01  # bits of the answer that begins an upload
+
+
+def complete_answer(data: bytes, size: int = 4) -> bytes | None:
+    """
+    Return an answer with eight bytes and without reserved bits.
+
+    CiA 301 gives an SDO frame eight bytes, but some drives omit the bytes that are not used.
+    `size` is the size of the object in an upload without a size [bytes]. Return None if the
+    answer lacks used bytes.
+    """
+    if not data:
+        return None
+    first = data[0]
+    specifier = first >> 5
+    used = {
+        _UPLOADED_SEGMENT: 8 - (first >> 1 & 7),
+        _DOWNLOADED_SEGMENT: 1,
+        _DOWNLOAD: 4,
+    }.get(specifier, SDO_FRAME_LENGTH)
+    if specifier == _UPLOAD and first & _EXPEDITED:
+        unused = first >> 2 & 3
+        used = 4 + (4 - unused if first & _HAS_SIZE else size)
+    elif specifier == _UPLOAD and not first & _HAS_SIZE:
+        used = 4
+    if len(data) < min(used, SDO_FRAME_LENGTH):
+        return None
+    first &= _USED_BITS.get(specifier, 0xFF)
+    return (bytes([first]) + data[1:]).ljust(SDO_FRAME_LENGTH, b'\0')
+
+
 class SdoAbortError(DriveObjectError):
     """A drive has aborted the transfer of an object; the message has the SDO abort code."""
 
@@ -56,6 +97,8 @@ class SdoChannel(canopen.sdo.SdoClient):
     ) -> None:
         self._bus, self._clock = bus, clock
         self._answered, self._asked = Event(), b''
+        self._size = 4  # of the object [bytes]
+        self._short_answer: int | None = None  # length of an answer that is too short
         self.name = name
         self.node_id = node_id
         #: time [s] on the monotonic clock after which no request is sent, because segments may
@@ -93,6 +136,8 @@ class SdoChannel(canopen.sdo.SdoClient):
     def _repeat(self, index: int, subindex: int, transfer: Callable[[], Any]) -> Any:
         """Retry a transfer after a lost or foreign answer; an abort counts as an answer."""
         drive = f'{self.name} (node {self.node_id})'
+        self._size = self.size(index, subindex) or 4
+        self._short_answer = None
         target = self._target = f'object {index:04X}h:{subindex:02X}'
         for _ in range(ATTEMPTS):
             try:
@@ -106,6 +151,11 @@ class SdoChannel(canopen.sdo.SdoClient):
                 ) from error
             except canopen.SdoCommunicationError:
                 continue
+        if self._short_answer is not None:
+            raise DriveTimeoutError(
+                f'{drive} answers for {target} with {self._short_answer} bytes, which is too '
+                'short for the value; next: ask its maker for another firmware'
+            )
         raise DriveTimeoutError(
             f'{drive} does not answer for {target} within {ATTEMPTS} × '
             f'{self.RESPONSE_TIMEOUT:g} s: check its power, its node id and the bit rate'
@@ -139,9 +189,10 @@ class SdoChannel(canopen.sdo.SdoClient):
         Answers for another object belong to requests of the control thread, which calls this
         method.
         """
-        is_answer = len(frame.data) == SDO_FRAME_LENGTH and frame.data[1:4].startswith(
-            self._asked
-        )
-        if is_answer and not self._answered.is_set():
-            self.responses.put(frame.data)
+        answer = complete_answer(frame.data, self._size)
+        if answer is None:
+            if self._asked.startswith(frame.data[1:4]):
+                self._short_answer = len(frame.data)
+        elif answer[1:4].startswith(self._asked) and not self._answered.is_set():
+            self.responses.put(answer)
             self._answered.set()

@@ -40,6 +40,14 @@ DEVICE_TYPE = 402
 Read = Callable[[int, int], 'int | None']
 
 
+# masks of the bits that are not reserved, by index; a drive may set the others
+_USED_BITS = {
+    0x1005: pdo.SYNC_PRODUCER | pdo.EXTENDED_FRAME | pdo.COB_ID_BITS,
+    0x1014: pdo.PDO_NOT_VALID | pdo.EXTENDED_FRAME | pdo.COB_ID_BITS,
+    0x1016: 0x00FFFFFF,
+}
+_UNIT_BITS = 0xFFFFFF00  # prefix, numerator and denominator of a unit
+
 # --- the writes of a drive
 
 
@@ -66,6 +74,7 @@ def drive_writes(
                 item.subindex,
                 values[item.value] if isinstance(item.value, str) else item.value,
                 required=item.required,
+                compared=_USED_BITS.get(item.index, pdo.ALL_BITS),
             )
             for item in profile.objects
         ),
@@ -178,7 +187,13 @@ def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> bool:
     """Return whether a drive with its present objects stops when this master is silent."""
     watched = read_optional(drive, *profile.heartbeat_consumer) or 0
     reaction = read_optional(drive, profile.lost_master_reaction, 0)
-    return bool(watched >> 16 == pdo.MASTER_NODE_ID and watched & 0xFFFF and reaction)
+    node, timeout = _watched_master(watched)
+    return bool(node == pdo.MASTER_NODE_ID and timeout and reaction)
+
+
+def _watched_master(value: int) -> tuple[int, int]:
+    """Return node id and time-out [ms] in an object 1016h, whose highest byte is reserved."""
+    return value >> 16 & 0xFF, value & 0xFFFF
 
 
 # --- units and identity
@@ -192,13 +207,23 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
     object that is absent or 0 states no unit.
     """
     ramp = axis.acceleration_unit or axis.velocity_unit
-    for index, expected, name in (
-        (0x60A8, COUNTS, 'positions in counts'),
-        (0x60A9, VELOCITY_UNITS[axis.velocity_unit].velocity, axis.velocity_unit),
-        (0x60AA, VELOCITY_UNITS[ramp].acceleration, f'{ramp} per second'),
-        (0x607E, 0, "no polarity: the axis's direction has the sign"),
+    for index, expected, used, name in (
+        (0x60A8, COUNTS, _UNIT_BITS, 'positions in counts'),
+        (
+            0x60A9,
+            VELOCITY_UNITS[axis.velocity_unit].velocity,
+            _UNIT_BITS,
+            axis.velocity_unit,
+        ),
+        (
+            0x60AA,
+            VELOCITY_UNITS[ramp].acceleration,
+            _UNIT_BITS,
+            f'{ramp} per second',
+        ),
+        (0x607E, 0, 0xFF, "no polarity: the axis's direction has the sign"),
     ):
-        if (found := read(index, 0)) and found != expected:
+        if (found := read(index, 0)) and (found ^ expected) & used:
             yield (
                 f'object {index:04X}h:00 = {found:X}h, expected {expected:X}h ({name}): set it '
                 'in the drive or among the objects of its profile, or correct the unit there'
@@ -383,7 +408,7 @@ class Drive(SdoChannel):
         if abs(velocity) > REST_SPEED:
             return f'{monitor.title} moves at {velocity:.3g} m/s'
         watched = read_optional(self, *monitor.profile.heartbeat_consumer) or 0
-        node, timeout = divmod(watched, 1 << 16)
+        node, timeout = _watched_master(watched)
         misses_us = (
             node == pdo.MASTER_NODE_ID
             and 0 < timeout <= 1e3 * self._settings.heartbeat_timeout

@@ -10,8 +10,8 @@ The cycle with its times as shares of the period:
     1.0    the next SYNC
 
 The kernel sends this SYNC at its own time, or else the loop sends it after the commands
-(`cycle`). Frames are routed by COB-ID and length; any other frame is ignored. The control thread
-waits only for the next frame or the next deadline.
+(`cycle`). Frames are routed by COB-ID; a frame that is too short or unknown is ignored. The
+control thread waits only for the next frame or the next deadline.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.pdo import Pdo
-from facade_manipulator.canopen.sdo import SDO_FRAME_LENGTH
 from facade_manipulator.drives.configuration import Drive
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
@@ -37,12 +36,11 @@ from facade_manipulator.errors import BusError
 
 LONGEST_WAIT = 0.02  # s, after which requests are read
 LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
-_EMERGENCY_LENGTH = 8
-Route = tuple[
-    int | None, Callable[[Frame], Cause | None]
-]  # length of the data, receiver
+_ERROR_CODE_LENGTH = 2  # of an emergency message, which begins with its error code
+# least length of the data, because a drive may pad its frames to 8 bytes; receiver
+Route = tuple[int, Callable[[Frame], Cause | None]]
 _OPERATIONAL = bytes([5])  # state of this master in its heartbeat
-_IGNORED: Route = (-1, lambda _: None)
+_IGNORED: Route = (0, lambda _: None)
 _FOREIGN_SYNC = pdo.frames_of_masters(())[pdo.SYNC_COB_ID]
 _MASTER_HEARTBEAT = pdo.HEARTBEAT + pdo.MASTER_NODE_ID
 
@@ -92,18 +90,18 @@ class CyclicExchange:
         self._routes: dict[
             int, Route
         ] = {  # this master does not receive its own frames
-            cob_id: (None, partial(self._on_other_master, *frame))
+            cob_id: (0, partial(self._on_other_master, *frame))
             for cob_id, frame in pdo.frames_of_masters(
                 one.axis.node_id for one in monitors
             ).items()
         }
-        self._routes[pdo.SYNC_COB_ID] = None, self._on_early_sync
+        self._routes[pdo.SYNC_COB_ID] = 0, self._on_early_sync
         for monitor, drive in zip(monitors, self.drives, strict=True):
             node = monitor.axis.node_id
             self._routes |= {
-                pdo.EMERGENCY + node: (_EMERGENCY_LENGTH, monitor.receive_emergency),
+                pdo.EMERGENCY + node: (_ERROR_CODE_LENGTH, monitor.receive_emergency),
                 pdo.HEARTBEAT + node: (1, monitor.receive_heartbeat),
-                pdo.SDO_RESPONSE + node: (SDO_FRAME_LENGTH, drive.receive),
+                pdo.SDO_RESPONSE + node: (0, drive.receive),
             }
             for tpdo in monitor.tpdos:
                 self._routes[tpdo.cob_id(node)] = (
@@ -115,8 +113,8 @@ class CyclicExchange:
     # --- receiving
 
     def _dispatch(self, frame: Frame) -> None:
-        length, receive = self._routes.get(frame.cob_id, _IGNORED)
-        if length is None or length == len(frame.data):
+        least_length, receive = self._routes.get(frame.cob_id, _IGNORED)
+        if len(frame.data) >= least_length:
             cause = receive(frame)
             if cause is not None:
                 self.stop_for(cause)
@@ -202,11 +200,11 @@ class CyclicExchange:
         for monitor in self.group.monitors:
             monitor.begin_supervision(now)
         self._routes[pdo.SYNC_COB_ID] = (
-            None,
+            0,
             partial(self._on_other_master, *_FOREIGN_SYNC),
         )
         if self.bus.has_kernel_sync:
-            self._routes[pdo.SYNC_COB_ID] = None, self._on_sync
+            self._routes[pdo.SYNC_COB_ID] = 0, self._on_sync
             self.bus.start_sync(self._settings.period)
 
     def turn(self) -> None:

@@ -203,7 +203,7 @@ class AxisMonitor:
         self, tpdo: Pdo, data: bytes, time: float, sync_time: float
     ) -> Cause | None:
         """Receive process data; return the cause of a stop, if any."""
-        raw = tpdo.codec.unpack(data)
+        raw = tpdo.codec.unpack_from(data)  # a drive may pad the frame
         self._values.update(
             zip(tpdo.indices, map(mul, raw, self._units[tpdo.name]), strict=True)
         )

@@ -1,12 +1,14 @@
 """Compensator node among a supervisor, an estimator, sensors and the driver."""
 
 import math
+from types import SimpleNamespace
 
 from geometry_msgs.msg import (
     Point,
     PointStamped,
     PoseWithCovarianceStamped,
     Quaternion,
+    TransformStamped,
     WrenchStamped,
 )
 from geometry_msgs.msg import Pose as PoseMessage
@@ -21,6 +23,7 @@ from facade_manipulator import topics
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.kinematics.planar import compose, millimetres
+from facade_manipulator.nodes import conversions
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.conversions import pose_message, pose_stamped, stamp
 from facade_manipulator.nodes.driver_status import DriverStatus, SILENT
@@ -96,6 +99,25 @@ def following(neighbours):
     neighbours.send_goal()
     neighbours.until_pose(GOAL, 'the goal', 1e-6)
     return neighbours
+
+
+def test_transform_of_the_rail_needs_estimates_but_no_goal(ros, monkeypatch):
+    """No wheel provides tf2_msgs, so a single transform replaces its message."""
+    message = SimpleNamespace(TFMessage=TransformStamped)
+    monkeypatch.setattr(conversions, 'import_module', lambda _: message)
+    neighbours = Neighbours(ros)
+    neighbours.tested._transform._message = lambda transforms: transforms[0]
+    sent = ros.collect(neighbours.node, TransformStamped, '/tf', 100)
+    timer = neighbours.repeat(neighbours.estimate)
+    ros.until(lambda: sent, 'the transform')
+    place = sent[-1].transform.translation
+    assert (place.x, place.y) == pytest.approx(DISTURBANCE[:2], abs=1e-3)
+    timer.cancel()
+
+    def has_ended():
+        return neighbours.now() - seconds(sent[-1].header.stamp) > 0.2
+
+    ros.until(has_ended, 'the end of the transforms')
 
 
 def test_goal_is_corrected_until_disabled_silent_or_tared(neighbours):

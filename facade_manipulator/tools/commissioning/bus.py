@@ -14,7 +14,7 @@ from canopen.lss import CS_STORE_CONFIGURATION, LssMaster
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.canopen.sdo import SDO_FRAME_LENGTH, SdoChannel
+from facade_manipulator.canopen.sdo import complete_answer, SDO_FRAME_LENGTH, SdoChannel
 from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
 
 NODE_IDS = range(1, pdo.MASTER_NODE_ID)
@@ -22,7 +22,7 @@ BOOT_TIMEOUT = 5.0  # s
 STORING_TIME = 3.0  # s; CiA 305 has no bound; drives needed more than 0.3 s
 _LISTENING_TIME = 0.6  # s: several periods of a driver's heartbeat
 _ASK_SERIAL_NUMBER = bytes.fromhex('4018100400000000')  # SDO upload of 1018h:04
-_FOUR_BYTES = 0x43  # command specifier of an SDO answer with four data bytes
+_EXPEDITED_UPLOAD = 0x42  # bits of an SDO answer that contains the value
 _LOOK_PERIOD = 0.02  # s, between two checks of a condition on a quiet bus
 _PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
 _ANSWER = 0.25  # s
@@ -81,13 +81,12 @@ class ToolBus(Clock):
         found: dict[int, list[int]] = defaultdict(list)
         for frame in self._received:
             node_id = frame.cob_id - pdo.SDO_RESPONSE
-            if node_id in NODE_IDS and len(frame.data) == SDO_FRAME_LENGTH:
-                is_number = (
-                    frame.data[0] == _FOUR_BYTES
-                )  # otherwise there is no serial number
-                found[node_id].append(
-                    int.from_bytes(frame.data[4:], 'little') * is_number
-                )
+            answer = complete_answer(frame.data)
+            if node_id in NODE_IDS and answer is not None:
+                # otherwise there is no serial number
+                is_number = answer[0] & _EXPEDITED_UPLOAD == _EXPEDITED_UPLOAD
+                number = int.from_bytes(answer[4:], 'little')
+                found[node_id].append(number if is_number else 0)
         return found
 
     def number(self, node_id: int, index: int, subindex: int = 0) -> int | None:
@@ -135,8 +134,7 @@ def lss_master(bus: ToolBus, timeout: float) -> LssMaster:
         )
 
     def receive(frame: Frame) -> None:
-        if len(frame.data) == SDO_FRAME_LENGTH:
-            master.responses.put(frame.data)
+        master.responses.put(frame.data.ljust(SDO_FRAME_LENGTH, b'\0'))
 
     master.network = SimpleNamespace(send_message=send)  # type: ignore[assignment]
     bus.receivers[LssMaster.LSS_RX_COBID] = receive
