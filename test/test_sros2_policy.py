@@ -12,6 +12,13 @@ from facade_manipulator.topics import Topic
 
 NAMESPACE = '/gondola_1'
 ROOT = ElementTree.parse(config_path('sros2_policy.xml')).getroot()
+#: parameters with which a node together has all its endpoints
+VARIANTS = {
+    'driver': [{'simulate_drives': True}],
+    'gondola_simulator': [
+        {'scenario': name} for name in ('breeze', 'sensors', 'pressing')
+    ],
+}
 OF_ROS = {'/rosout', '/parameter_events'}
 Right = tuple[str, str, str]  # verb, kind, full name or pattern
 
@@ -37,22 +44,24 @@ def matches(right: Right, rule: Right) -> bool:
     return right[:2] == rule[:2] and fnmatchcase(right[2], rule[2])
 
 
-@pytest.mark.parametrize('name', [*NODES][:4])
-def test_policy_allows_a_node_exactly_its_endpoints(ros, name):
-    # only the driver uses the parameter
-    node = ros.add(
-        NODES[name](
-            namespace=NAMESPACE,
-            parameter_overrides=[Parameter('simulate_drives', value=True)],
-        )
-    )
-    needed = {
+def endpoints(ros, name: str, parameters: dict[str, object]) -> set[Right]:
+    """Return the rights that a node with the given parameters needs."""
+    overrides = [Parameter(key, value=value) for key, value in parameters.items()]
+    node = ros.add(NODES[name](namespace=NAMESPACE, parameter_overrides=overrides))
+    return {
         ('publish', 'topic', '/rosout'),  # endpoint of rcl
         *(('publish', 'topic', one.topic_name) for one in node.publishers),
         *(('subscribe', 'topic', one.topic_name) for one in node.subscriptions),
         *(('reply', 'service', one.service_name) for one in node.services),
         *(('request', 'service', one.service_name) for one in node.clients),
     }
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_policy_allows_a_node_exactly_its_endpoints(ros, name):
+    needed = set()
+    for parameters in VARIANTS.get(name, [{}]):
+        needed |= endpoints(ros, name, parameters)
     rules = allowed(name)
     assert not {one for one in needed if not any(matches(one, rule) for rule in rules)}
     optional = {('publish', 'topic', '/tf')}
