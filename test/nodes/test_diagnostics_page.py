@@ -1,16 +1,20 @@
-"""docs/diagnostics.md lists exactly the components and keys that a running stack publishes."""
+"""docs/diagnostics.md and reference.md list exactly the keys that a running stack publishes."""
 
 from pathlib import Path
 import re
 
-from nodes.bench import NODES
+from nav_msgs.srv import GetPlan
+from nodes.bench import NodeBench, NODES
 import pytest
 from rclpy.parameter import Parameter
 
 from facade_manipulator import topics
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.nodes.conversions import pose_stamped
 from facade_manipulator.nodes.messages import status_values
 
-PAGE = Path(__file__).parents[2] / 'docs/diagnostics.md'
+DOCS = Path(__file__).parents[2] / 'docs'
+PAGE = DOCS / 'diagnostics.md'
 PARAMETERS = {
     'driver': {'simulate_drives': True},
     'compensator': {'contact.enabled': True},
@@ -92,3 +96,50 @@ def test_diagnostics_page_lists_exactly_the_published_keys(published):
             'meaning with only'
         )
     assert {matching(component, page) for component in published} == page.keys()
+
+
+def keys_on_page(topic) -> set[str]:
+    """Return the keys that the row of a status topic in docs/reference.md lists."""
+    row = next(
+        line
+        for line in (DOCS / 'reference.md').read_text().splitlines()
+        if line.startswith(f'| `{topic.name}`')
+    )
+    values = row.partition('Values: ')[2].partition('Level 1')[0]
+    return {*re.findall('`([^`]+)`', values)} - {'followed', 'nan', 'inf'}
+
+
+def published_keys(bench, topic) -> set[str]:
+    """Return the keys of all messages received on a status topic."""
+    messages = bench.collect(topic)
+    bench.ros.until(lambda: messages, topic.name)
+    return {key for message in messages for key in status_values(message)}
+
+
+def test_reference_page_lists_exactly_the_keys_of_goal_status(ros):
+    bench = NodeBench(ros, NODES['compensator'], {'contact.enabled': True})
+    messages = bench.collect(topics.GOAL_STATUS)
+
+    def keys():
+        return {key for message in messages for key in status_values(message)}
+
+    # the second goal is outside the workspace
+    for x, key in ((0.0, 'followed x [mm]'), (9.0, 'rejection')):
+        goal = pose_stamped('facade', bench.now(), Pose(x, 0.25, 0.0))
+        bench.publish(topics.GOAL_POSE, goal)
+        ros.until(lambda key=key: key in keys(), key)
+    assert keys() == keys_on_page(topics.GOAL_STATUS)
+
+
+def test_reference_page_lists_exactly_the_keys_of_driver_status(ros):
+    bench = NodeBench(ros, NODES['driver'], {'simulate_drives': True})
+    assert published_keys(bench, topics.DRIVER_STATUS) == keys_on_page(
+        topics.DRIVER_STATUS
+    )
+
+
+def test_reference_page_lists_exactly_the_keys_of_rejections(ros):
+    bench = NodeBench(ros, NODES['ik_service'])
+    goal = pose_stamped('rail', bench.now(), Pose(9.0, 0.25, 0.0))
+    bench.call(topics.SOLVE, GetPlan.Request(goal=goal))
+    assert published_keys(bench, topics.REJECTIONS) == keys_on_page(topics.REJECTIONS)
