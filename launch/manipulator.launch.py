@@ -213,7 +213,10 @@ def generate_launch_description() -> LaunchDescription:
             OpaqueFunction(function=_robot_state_publisher),
             IncludeLaunchDescription(
                 PythonLaunchDescriptionSource(str(RECORDING)),
-                launch_arguments=[('namespace', LaunchConfiguration('namespace'))],
+                launch_arguments=[
+                    ('namespace', LaunchConfiguration('namespace')),
+                    ('required', 'false'),  # the machine also works without a recorder
+                ],
                 condition=IfCondition(LaunchConfiguration('record')),
             ),
         ]

@@ -2,8 +2,9 @@
 Record the topics of one manipulator with `ros2 bag record` as MCAP files.
 
 The bags are in the folder `folder`; the default is ~/.ros/facade_manipulator and, below it, the
-namespace. If ros2bag or its MCAP storage is not installed, a log line reports the missing package,
-and no bag is recorded. The options are those of rosbag2 0.26.5 (Jazzy).
+namespace. If ros2bag or its MCAP storage is not installed, launch ends with exit status 1 and the
+missing package. With `required:=false`, as in manipulator.launch.py, only a log line reports the
+package, and no bag is recorded. The options are those of rosbag2 0.26.5 (Jazzy).
 """
 
 import os
@@ -17,6 +18,7 @@ from launch.actions import (
     LogInfo,
     OpaqueFunction,
 )
+from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 import yaml
 
@@ -67,12 +69,13 @@ def _recorder(context) -> list:
     missing = [name for name in PROGRAMS if name not in get_packages_with_prefixes()]
     if missing:
         packages = ' '.join(f'ros-jazzy-{name.replace("_", "-")}' for name in missing)
-        return [
-            LogInfo(
-                msg=f'no topic is recorded: {" and ".join(missing)} not installed; '
-                f'next: sudo apt install {packages}'
-            )
-        ]
+        message = (
+            f'no topic is recorded: {" and ".join(missing)} not installed; '
+            f'next: sudo apt install {packages}'
+        )
+        if IfCondition(LaunchConfiguration('required')).evaluate(context):
+            raise RuntimeError(message)
+        return [LogInfo(msg=message)]
     namespace = LaunchConfiguration('namespace').perform(context).strip('/')
     given = LaunchConfiguration('folder').perform(context)
     home = Path(os.environ.get('ROS_HOME', '~/.ros')).expanduser()
@@ -121,6 +124,12 @@ def generate_launch_description() -> LaunchDescription:
                 'folder',
                 default_value='',
                 description='folder of the bags; default: below ~/.ros',
+            ),
+            DeclareLaunchArgument(
+                'required',
+                default_value='true',
+                description='whether a missing package ends launch',
+                choices=['true', 'false'],
             ),
             OpaqueFunction(function=_recorder),
         ]

@@ -254,6 +254,17 @@ def test_missing_optional_package_is_reported_while_nodes_start(launch, package)
     until_logged(process, 'process started with pid')
 
 
+@pytest.mark.parametrize('package', OPTIONAL[1:])
+def test_recorder_without_its_package_ends_with_status_1(launch, package):
+    if package in get_packages_with_prefixes():
+        pytest.skip(f'{package} is installed')
+    (launch.packages / package).unlink()
+    process = launch(name='record')
+    assert process.wait(DEADLINE) == 1
+    next_step = f'next: sudo apt install ros-jazzy-{package.replace("_", "-")}'
+    assert next_step in process.log.read_text()
+
+
 @pytest.mark.parametrize(
     'argument, message',
     [
