@@ -2,7 +2,8 @@
 Description of the mechanism for other programs: joint points, a tree of joints, and its URDF.
 
 A URDF has no closed loops, so the tree is cut where the two links meet the platform. `positions`
-closes the loops there with the kinematics of the calibrated machine.
+closes the loops there with the kinematics of the calibrated machine. The URDF is for display: it
+has no masses, and no limits of speed and effort, which are parameters of the driver.
 """
 
 from __future__ import annotations
@@ -142,7 +143,7 @@ def _add_joint(
     _origin(element, joint.origin)
     if joint.name:
         SubElement(element, 'axis', xyz=AXES[joint.axis])
-    if bounds:  # effort and velocity are required attributes; 0 means unbounded
+    if bounds:  # effort and velocity are required attributes; 0 means that they are not given
         lower, upper = map(repr, bounds)
         SubElement(element, 'limit', lower=lower, upper=upper, effort='0', velocity='0')
 
