@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+import logging
 import pickle
 import select
 import socket
@@ -50,6 +51,7 @@ class LoopSetup:
     #: drives, as `facade_manipulator.simulation.drives.simulator.start_simulator`; ``''`` for real
     #: drives
     simulate: str = ''
+    log_level: int = logging.INFO  #: minimum severity that the loop logs
 
     @property
     def extra_time(self) -> float:

@@ -223,6 +223,7 @@ def main(descriptor: int) -> int:
         if message is None:
             return 1
         (setup,) = message[1]
+        logging.getLogger('facade_manipulator').setLevel(setup.log_level)
         loop = ControlLoop(setup, channel)
     except (ManipulatorError, ConnectionError) as error:
         channel.send('failed', str(error))
@@ -238,10 +239,16 @@ def main(descriptor: int) -> int:
 
 
 def _start_logging() -> None:
-    """Write the log in a separate thread, because a terminal may block the output."""
+    """
+    Write the log in the format of ROS.
+
+    A separate thread writes, because a terminal may block the output.
+    """
+    logging.addLevelName(logging.WARNING, 'WARN')
+    logging.addLevelName(logging.CRITICAL, 'FATAL')
     output = logging.StreamHandler()
     output.setFormatter(
-        logging.Formatter('[%(levelname)s] [control loop]: %(message)s')
+        logging.Formatter('[%(levelname)s] [%(created).9f] [control loop]: %(message)s')
     )
     listener = QueueListener(SimpleQueue[Any](), output)
     logging.getLogger().addHandler(QueueHandler(listener.queue))

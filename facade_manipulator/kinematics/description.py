@@ -143,7 +143,9 @@ def _add_joint(
     _origin(element, joint.origin)
     if joint.name:
         SubElement(element, 'axis', xyz=AXES[joint.axis])
-    if bounds:  # effort and velocity are required attributes; 0 means that they are not given
+    if (
+        bounds
+    ):  # effort and velocity are required attributes; 0 means that they are not given
         lower, upper = map(repr, bounds)
         SubElement(element, 'limit', lower=lower, upper=upper, effort='0', velocity='0')
 

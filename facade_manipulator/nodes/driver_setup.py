@@ -38,7 +38,10 @@ def declare_setup(
         on_limits,
         lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check(),
     )
-    setup = LoopSetup(geometry, controller, axes, bus, stream, limits)
+    log_level = int(node.get_logger().get_effective_level())  # the numbers of logging
+    setup = LoopSetup(
+        geometry, controller, axes, bus, stream, limits, log_level=log_level
+    )
     return (
         setup
         if not is_simulated
