@@ -20,7 +20,8 @@ def test_cob_ids_are_those_of_the_predefined_connection_set():
     ]
 
 
-ALL, BUT_REMOTE, TWO_CHANGES = 0xFFFFFFFF, 0xBFFFFFFF, 0  # masks of the bits read back
+# masks of the bits read back; bits 30 and 28 to 11 of a COB-ID are reserved
+ALL, COB_ID, TWO_CHANGES = 0xFFFFFFFF, 0xA00007FF, 0
 
 
 def test_configuration_of_pdo1_matches_the_transcripts():
@@ -32,7 +33,7 @@ def test_configuration_of_pdo1_matches_the_transcripts():
         (0x1A00, 3, 0x60640020, 4, True, ALL),
         (0x1A00, 0, 3, 1, True, ALL),
         (0x1800, 2, 1, 1, True, ALL),
-        (0x1800, 1, 0x40000181, 4, True, BUT_REMOTE),
+        (0x1800, 1, 0x40000181, 4, True, COB_ID),
     ]
     rpdo = pdo.RPDO1.configure_writes(2)
     assert [write[:3] for write in (rpdo[0], *rpdo[-2:])] == [

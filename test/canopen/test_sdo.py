@@ -80,6 +80,45 @@ def test_wrong_answer_is_ignored_or_repeats_the_request(frames):
     assert len(drive.requests) == (1 if VALUE in frames else 2)
 
 
+@pytest.mark.parametrize(
+    ('answer', 'size', 'value'),
+    [
+        ('4365600080430000', 4, 17280),
+        ('4F65600005', 4, 5),  # one byte, the others are omitted
+        ('4B6560000500', 4, 5),
+        ('426560000500', 2, 5),  # without a size
+        ('5365600080430000', 4, 17280),  # with a reserved bit
+    ],
+)
+def test_short_answer_with_its_value_is_used(answer, size, value):
+    drive = ScriptedDrive(lambda data: (bytes.fromhex(answer),))
+    drive.channel.size = lambda *_: size
+    assert drive.read() == value
+
+
+@pytest.mark.parametrize('answer', ['60656000', '6065600000', '6F656000ABABABAB'])
+def test_short_confirmation_of_a_write_is_used(answer):
+    drive = ScriptedDrive(lambda data: (bytes.fromhex(answer),))
+    drive.channel.write(0x6065, 0, bytes(4))
+    assert len(drive.requests) == 1
+
+
+def test_short_segments_are_used():
+    answers = iter(['4165600009000000', '00' + '61' * 7, '1B6263'])
+    drive = ScriptedDrive(lambda data: (bytes.fromhex(next(answers)),))
+    assert drive.channel.read(0x6065, 0) == b'a' * 7 + b'bc'
+
+
+@pytest.mark.parametrize('answer', ['43', '4365', '43656000804300', '80656000'])
+def test_answer_without_its_value_is_reported_as_short(answer):
+    data = bytes.fromhex(answer)
+    drive = ScriptedDrive(lambda _: (data,))
+    with pytest.raises(
+        DriveTimeoutError, match=f'object 6065h:00 with {len(data)} bytes, which is too'
+    ):
+        drive.read()
+
+
 def test_silent_drive_times_out_with_a_next_step():
     drive = ScriptedDrive(lambda data: ())
     with pytest.raises(

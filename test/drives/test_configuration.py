@@ -216,6 +216,7 @@ def session(axes=DEFAULT_AXES) -> Session:
             {(0x60A8, 0): 0x00B50000, (0x60A9, 0): 0x00B44700, (0x60AA, 0): 0x00C00300},
             '',
         ),
+        ({(0x60A8, 0): 0x00B50012, (0x60A9, 0): 0x00B44701}, ''),  # reserved bits
         ({(0x60A8, 0): 0xFA010000}, 'object 60A8h:00 = FA010000h, expected B50000h'),
         ({(0x60A9, 0): 0xFDB44700}, '60A9h:00 = FDB44700h, expected B44700h (rpm)'),
         ({(0x60AA, 0): 0xFDC00300}, '60AAh:00 = FDC00300h, expected C00300h'),

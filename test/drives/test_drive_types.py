@@ -85,6 +85,59 @@ def test_drives_of_another_type_home_and_move(
     assert ([*values] == [None, None]) is ('pdos' in changes)
 
 
+def pad_process_data(frame):
+    is_tpdo = 0x181 <= frame[0] < 0x580 and frame[0] & 0x80
+    return (frame[0], frame[1].ljust(8, b'\xa5')) if is_tpdo else frame
+
+
+def shorten_answers(frame):
+    cob_id, data = frame
+    if cob_id & ~0x7F == 0x580 and data[0] & 0xE3 == 0x43:
+        return cob_id, data[: 8 - (data[0] >> 2 & 3)]
+    return (cob_id, data[:4]) if cob_id & ~0x7F == 0x580 and data[0] == 0x60 else frame
+
+
+def shorten_emergencies(frame):
+    return (frame[0], frame[1][:3]) if frame[0] in (0x81, 0x82, 0x83) else frame
+
+
+def test_short_emergency_message_stops_the_drives(rig):
+    deliver = rig.deliver
+    rig.deliver = lambda frames: deliver([shorten_emergencies(one) for one in frames])
+    rig.request('configure', 'home', 'activate')
+    rig.inject(1, lambda drive: drive.inject_fault(0x8611))
+    rig.until(lambda: rig.state is ControllerState.STOPPED, 0.02)
+    assert '8611h' in rig.snapshot.causes[0].message
+
+
+RESERVED = {  # bits by index and subindex
+    (0x1400, 1): 1 << 30 | 1 << 11,
+    (0x1800, 1): 1 << 28,
+    (0x1801, 1): 1 << 20,
+    (0x1016, 1): 0xFF << 24,
+}
+
+
+def set_reserved_bits(frame):
+    """Set reserved bits of COB-IDs and of the watched master in answers of SDO."""
+    cob_id, data = frame
+    key = int.from_bytes(data[1:3], 'little'), data[3] if len(data) > 3 else 0
+    is_answer = cob_id & ~0x7F == 0x580 and data[0] == 0x43
+    if not is_answer or key not in RESERVED:
+        return frame
+    value = int.from_bytes(data[4:], 'little') | RESERVED[key]
+    return cob_id, data[:4] + value.to_bytes(4, 'little')
+
+
+@pytest.mark.parametrize(
+    'change', [pad_process_data, shorten_answers, set_reserved_bits]
+)
+def test_frames_of_any_legal_form_are_used(rig, change):
+    deliver = rig.deliver
+    rig.deliver = lambda frames: deliver([change(one) for one in frames])
+    move(rig)
+
+
 def test_drive_that_does_not_report_its_mode_is_stopped(rig):
     rig.request('configure')
     hide_mode(rig.drives[0])
