@@ -18,6 +18,11 @@ from facade_manipulator.errors import BusError
 from facade_manipulator.parameters import parameter, settings
 
 _SYSTEM = Path('/sys/class/net')
+# Share of the bit rate by which the adapter may deviate. With the sample point 87.5 % of CiA 301,
+# p = 0.125 bits follow the sample, and each node may deviate by p / (2 (13 - p)) = 0.49 % (Bosch,
+# CAN specification 2.0). The crystals of drives deviate by less than 0.02 %.
+BIT_RATE_TOLERANCE = 0.005
+_NEAR_BIT_RATE = 0.1  # a larger deviation comes from a setting, not from a clock
 _QUERY_TIMEOUT = 2.0  # s, for `ip`
 
 
@@ -62,6 +67,7 @@ def check_link(channel: str, bitrate: int) -> None:
     actual = details.get('bittiming', {}).get(
         'bitrate', bitrate
     )  # vcan has no bit rate
+    deviation = abs(actual - bitrate) / bitrate
     if not (_SYSTEM / channel).exists():
         problem = 'is missing; next: ' + (
             f'sudo ip link add {channel} up type vcan'
@@ -70,10 +76,16 @@ def check_link(channel: str, bitrate: int) -> None:
         )
     elif not is_up(channel):
         problem = f'is down; next: {link} up type can bitrate {bitrate}'
-    elif actual != bitrate:
+    elif deviation > _NEAR_BIT_RATE:
         problem = (
             f'runs at {actual} bit/s, not at {bitrate} bit/s; next: {link} down, then '
             f'{link} up type can bitrate {bitrate}'
+        )
+    elif deviation > BIT_RATE_TOLERANCE:
+        problem = (
+            f'runs at {actual} bit/s, {100.0 * deviation:.2g} % from {bitrate} bit/s, above the '
+            f'limit {100.0 * BIT_RATE_TOLERANCE:g} %: the clock of its adapter does not divide '
+            'into this bit rate; next: use another adapter or another bit rate'
         )
     elif details.get('state') == 'BUS-OFF':
         problem = f'is bus-off; next: check wiring and bit rate, then {restart_command(channel)}'
