@@ -327,6 +327,32 @@ def test_unusable_interface_is_rejected_with_its_reason(
         check_link(channel, MEGABIT)
 
 
+@pytest.fixture
+def interface_at(interface):
+    """Return a function that makes can0 with a bit rate of its controller [bit/s]."""
+
+    def make(bitrate):
+        details = {'state': 'ERROR-ACTIVE', 'bittiming': {'bitrate': bitrate}}
+        interface('0x1', f"echo '{json.dumps([{'linkinfo': {'info_data': details}}])}'")
+
+    return make
+
+
+@pytest.mark.parametrize('bitrate', [995_100, 999_999, 1_000_250, 1_002_506, 1_004_900])
+def test_bit_rate_of_the_adapters_clock_is_accepted(interface_at, bitrate):
+    interface_at(bitrate)
+    check_link('can0', MEGABIT)
+
+
+@pytest.mark.parametrize('bitrate', [920_000, 994_000, 1_006_000, 1_041_666])
+def test_bit_rate_beyond_the_tolerance_names_the_clock(interface_at, bitrate):
+    interface_at(bitrate)
+    with pytest.raises(
+        BusError, match=r'above the limit 0.5 %: the clock of its adapter.*next: use'
+    ):
+        check_link('can0', MEGABIT)
+
+
 @pytest.mark.parametrize('command', ['exit 1', 'echo "[]"', 'echo words', None])
 def test_interface_without_controller_details_is_missing_until_up(
     interface, tmp_path, command
