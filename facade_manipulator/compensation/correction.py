@@ -351,6 +351,16 @@ class Correction:
         """Return the pose of the rail [m, m, rad] at a time [s]; zero before any estimate."""
         return self.motion(time).position if self._has_estimates else ZERO_POSE
 
+    def rail(self, now: float) -> Pose | None:
+        """
+        Return the present pose of the rail [m, m, rad], None while no axis is known.
+
+        Axes without a valid estimate are 0, and a correction that is disabled changes nothing.
+        """
+        if self.age(now) > SILENCE or not any(self.known):
+            return None
+        return _along(self.known, self.motion(now)).position
+
     def motion(self, time: float) -> MotionState:
         """Return the rail's motion at a time [s]; requires an earlier estimate."""
         predicted = self.predictor.predict(time)

@@ -274,6 +274,8 @@ class CompensatorNode(Node):
 
     def _update(self) -> None:
         now = ros_time()
+        if self._transform.is_subscribed:
+            self._transform.publish(now, self._compensator.correction.rail(now))
         with self.diagnostics.counted():
             corrected = self._compensator.update(now)
             if corrected is None:
@@ -289,7 +291,6 @@ class CompensatorNode(Node):
                         self._frames.facade, corrected.reach_time, corrected.reference
                     )
                 )
-            self._transform.publish(corrected.reach_time, corrected.disturbance)
 
     def _report_change(self) -> None:
         """Publish the progress of the goal, and diagnostics that have changed."""

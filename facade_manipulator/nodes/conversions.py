@@ -106,11 +106,17 @@ class FacadeTransform:
             self._message = import_module('tf2_msgs.msg').TFMessage
             self._publisher = node.create_publisher(self._message, '/tf', 100)
 
-    def publish(self, time: float, disturbance: Pose) -> None:
-        """Broadcast the pose of `rail` in `facade` at a time [s] while a node subscribes."""
-        if self._publisher is None or not self._publisher.get_subscription_count():
+    @property
+    def is_subscribed(self) -> bool:
+        """Return whether a node subscribes to /tf."""
+        return bool(self._publisher and self._publisher.get_subscription_count())
+
+    def publish(self, time: float, rail: Pose | None) -> None:
+        """Broadcast the pose of `rail` in `facade` at a time [s] if it is known."""
+        if self._publisher is None or rail is None:
             return
-        place, transform = pose_message(disturbance), TransformStamped()
+        place = pose_message(rail)
+        transform = TransformStamped()
         transform.header.frame_id, transform.header.stamp = (
             self._frames.facade,
             stamp(time),
