@@ -33,6 +33,10 @@ _TYPES = {
     str: 'a string',
 }
 _KEY = 'parameter'  # key in the metadata of a dataclass field
+_INTEGER = 'tag:yaml.org,2002:int'
+_FLOAT = 'tag:yaml.org,2002:float'
+_CHANGED = (_INTEGER, _FLOAT, 'tag:yaml.org,2002:timestamp')
+_LEADING_ZEROS = '!leading_zeros'
 Class = TypeVar('Class')
 
 
@@ -180,19 +184,57 @@ def settings_from(
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML loader like that of ROS: 1e-3 is a number, not a string."""
+    """YAML loader like that of ROS: 1e-3 is a number; 1_000, 1:30 and dates are strings."""
+
+    # the parent shares its table of resolvers with each loader of the process
+    yaml_implicit_resolvers = {
+        first: [one for one in resolvers if one[0] not in _CHANGED]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+
+
+def _reject_leading_zeros(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> None:
+    """Raise an error: ROS reads 00012345 as the octal number 5349, and 00089 as 89.0."""
+    raise yaml.MarkedYAMLError(
+        problem=f'{node.value} has leading zeros, which make a number octal; next: write '
+        f"{int(node.value)} for the decimal number, or '{node.value}' for a text",
+        problem_mark=node.start_mark,
+    )
 
 
 _Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+$'),
+    _LEADING_ZEROS, re.compile(r'[-+]?0[0-9_]+$'), list('-+0')
+)
+_Loader.add_constructor(_LEADING_ZEROS, _reject_leading_zeros)
+_Loader.add_constructor(_INTEGER, lambda _, node: int(node.value, 0))
+_Loader.add_implicit_resolver(
+    _INTEGER,
+    re.compile(r'[-+]?(0|[1-9]\d*|0[xX][\da-fA-F]+)$'),
     list('-+0123456789'),
+)
+_Loader.add_implicit_resolver(
+    _FLOAT,
+    re.compile(
+        r'([-+]?(\d+\.\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\d+[eE][-+]?\d+'
+        r'|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN))$'
+    ),
+    list('-+.0123456789'),
 )
 
 
 def read_value(text: str | bytes) -> Any:
-    """Return the value of a text as ROS reads it."""
-    return yaml.load(text, _Loader)  # noqa: S506  # the loader is a SafeLoader
+    """
+    Return the value of a YAML text as ROS reads it.
+
+    Raises a ParameterError for a text that is not valid, and for a number with leading zeros.
+    """
+    try:
+        return yaml.load(text, _Loader)  # noqa: S506  # the loader is a SafeLoader
+    except yaml.MarkedYAMLError as error:
+        line = f'line {error.problem_mark.line + 1}: ' if error.problem_mark else ''
+        raise ParameterError(f'{line}{error.problem}') from error
+    except yaml.YAMLError as error:
+        raise ParameterError(str(error)) from error
 
 
 def read_sections(paths: Sequence[Path]) -> dict[str, dict[str, Any]]:
@@ -206,7 +248,7 @@ def read_sections(paths: Sequence[Path]) -> dict[str, dict[str, Any]]:
     for path in paths:
         try:
             content = read_value(path.read_bytes())
-        except yaml.YAMLError as error:
+        except ParameterError as error:
             raise ParameterError(f'{path} cannot be read: {error}') from error
         for place, value in _leaves(content or {}):
             section, is_parameter, name = place.partition('/ros__parameters/')

@@ -4,13 +4,17 @@ import math
 
 import pytest
 
+from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.nodes.parameters import reject_unknown_parameters
 from facade_manipulator.parameters import (
     parameter,
     read_parameters,
+    read_value,
     settings,
     settings_from,
 )
+from facade_manipulator.simulation.world.scenario import load_scenario
 
 P = 'ros__parameters'
 
@@ -74,7 +78,7 @@ def test_settings_from_file_keep_given_defaults():
 
 SCALARS = (
     '1e-3 -2E4 1.5e3 0x1F -17 yes Off true .5 1. +5 -0 0 .inf -.inf \'1\' "yes" a '
-    '[1,2] [.5,1e2] [a,b] [yes,off]'
+    '[1,2] [.5,1e2] [a,b] [yes,off] 1_000 1:30 0b11 00.5 0o17 2026-01-01 -0x1F 0X1F +.5 1.e3'
 ).split()
 FILES = [
     [f'/driver: {{{P}: {{a: 1}}}}'],
@@ -148,3 +152,31 @@ def test_unreadable_parameter_file_is_rejected(tmp_path, text, reason):
         read_parameters(write_files(tmp_path, [text]), 'driver')
     with pytest.raises(FileNotFoundError, match='nowhere.yaml'):
         read_parameters([tmp_path / 'nowhere.yaml'], 'driver')
+
+
+@pytest.mark.parametrize('number', ['00012345', '00089', '-010', '00', '0_7'])
+@pytest.mark.parametrize('kind', ['parameters', 'argument', 'profile', 'scenario'])
+def test_number_with_leading_zeros_is_rejected(tmp_path, kind, number):
+    path = tmp_path / 'user.yaml'
+    text = {
+        'parameters': f'/**/driver: {{{P}: {{q1: {{serial_number: {number}}}}}}}',
+        'profile': f'objects:\n  - {{index: {number}}}',
+        'scenario': f'seed: {number}',
+    }
+    path.write_text(text.get(kind, ''))
+    read = {
+        'parameters': lambda: read_parameters([path], 'driver'),
+        'argument': lambda: reject_unknown_parameters(
+            [], ['-p', f'q1.serial_number:={number}']
+        ),
+        'profile': lambda: load_profile(str(path)),
+        'scenario': lambda: load_scenario(str(path)),
+    }
+    with pytest.raises(
+        ParameterError, match=f'{number} has leading zeros.*; next: write'
+    ):
+        read[kind]()
+
+
+def test_quoted_digits_with_leading_zeros_are_a_text():
+    assert read_value("'007'") == '007'

@@ -12,8 +12,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.emergency import Fault
 from facade_manipulator.canopen.pdo import Pdo
@@ -21,6 +19,7 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.parameters import read_value
 from facade_manipulator.resources import config_path
 
 _INDEX, _NUMBER, _BOOLEAN = (
@@ -187,7 +186,6 @@ def load_profile(name: str) -> DriveProfile:
         raise ParameterError(f'there is no drive profile {name}: {error}') from None
     except (
         OSError,
-        yaml.YAMLError,
         ValueError,
         TypeError,
         KeyError,
@@ -216,7 +214,7 @@ def fitting_profile(vendor_id: int | None, product_code: int | None) -> str:
 def _parse(name: str, path: Path, text: str) -> DriveProfile:
     data = _table(
         'the profile',
-        yaml.safe_load(text),
+        read_value(text),
         [item.name for item in fields(DriveProfile) if item.name != 'name'],
     )
     eds, unit = path.parent / str(data['eds']), data['velocity_unit']

@@ -188,7 +188,10 @@ def _argument(text: str) -> tuple[str, str, Any]:
     """Return node, name and value of an argument such as ``driver:limits.speed:=0.3``."""
     names, _, value = text.partition(':=')
     node, _, name = names.rpartition(':')
-    return node, name, parameters.read_value(value)
+    try:
+        return node, name, parameters.read_value(value)
+    except ParameterError as error:
+        raise ParameterError(f'argument {text} rejected: {error}') from error
 
 
 def _plain(item: Parameter) -> Any:

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.parameters import read_value
 from facade_manipulator.resources import config_path
 
 
@@ -172,13 +172,13 @@ def load_scenario(name: str) -> Scenario:
             if name.endswith('.yaml')
             else config_path(f'scenarios/{name}.yaml')
         )
-        content = yaml.safe_load(path.read_text(encoding='utf-8')) or {}
+        content = read_value(path.read_text(encoding='utf-8')) or {}
         made: Scenario = _checked('', content, Scenario())
         return made
     except (
         OSError,
         UnicodeDecodeError,
-        yaml.YAMLError,
+        ParameterError,
         TypeError,
         AttributeError,
     ) as error:

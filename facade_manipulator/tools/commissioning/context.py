@@ -27,7 +27,7 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import decode_state, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, DriveError, ParameterError
-from facade_manipulator.parameters import settings_from
+from facade_manipulator.parameters import read_value, settings_from
 from facade_manipulator.resources import (
     atomic_write,
     MACHINE_FILE,
@@ -63,7 +63,7 @@ class Overlay:
         steps.pop(step, None)
         if is_done:
             steps[step] = time.strftime('%Y-%m-%d %H:%M')
-        content = yaml.safe_load(self._text()) or {}
+        content = read_value(self._text()) or {}
         for name, value in results.items():
             group, _, key = name.partition('.')
             driver = content.setdefault('/**/driver', {}).setdefault(
