@@ -25,6 +25,20 @@ Messages contain the value, the bound and the unit.
 
 from __future__ import annotations
 
+import errno
+
+# reason and next step of the failures of a user's file
+_FILE_FAILURES = {
+    errno.ENOENT: ('it does not exist', 'check the path'),
+    errno.ENOTDIR: ('a part of its path is not a folder', 'check the path'),
+    errno.EISDIR: ('it is a folder', 'name a file'),
+    errno.EEXIST: ('a file has this name', 'name another folder'),
+    errno.EACCES: ('this user has no permission', 'change its owner or permissions'),
+    errno.EPERM: ('this user has no permission', 'change its owner or permissions'),
+    errno.EROFS: ('its file system is read-only', 'name another folder'),
+    errno.ENOSPC: ('its file system is full', 'free some space'),
+}
+
 
 class ManipulatorError(Exception):
     """Base of all errors that this package raises deliberately."""
@@ -154,3 +168,17 @@ class DriveTimeoutError(DriveError):
 
 class DriveObjectError(DriveError):
     """A drive rejects an object, or its identity or an object differs from the configuration."""
+
+
+def file_reason(error: OSError) -> str:
+    """Return why a user's file cannot be used, without its path."""
+    reason, _ = _FILE_FAILURES.get(error.errno or 0, (str(error.strerror), ''))
+    return reason if error.filename is not None else str(error)
+
+
+def file_sentence(error: OSError) -> str:
+    """Return the failure of a user's file as one sentence with its path and the next step."""
+    if error.filename is None:
+        return str(error)
+    _, step = _FILE_FAILURES.get(error.errno or 0, ('', 'check this path'))
+    return f'{error.filename} rejected: {file_reason(error)}; next: {step}'

@@ -195,10 +195,10 @@ class _Loader(yaml.SafeLoader):
 
 def _reject_leading_zeros(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> None:
     """Raise an error: ROS reads 00012345 as the octal number 5349, and 00089 as 89.0."""
-    raise yaml.MarkedYAMLError(
-        problem=f'{node.value} has leading zeros, which make a number octal; next: write '
-        f"{int(node.value)} for the decimal number, or '{node.value}' for a text",
-        problem_mark=node.start_mark,
+    raise ParameterError(
+        f'line {node.start_mark.line + 1}: {node.value} has leading zeros, which make a number '
+        f"octal; next: write {int(node.value)} for the decimal number, or '{node.value}' for a "
+        'text'
     )
 
 
@@ -232,9 +232,12 @@ def read_value(text: str | bytes) -> Any:
         return yaml.load(text, _Loader)  # noqa: S506  # the loader is a SafeLoader
     except yaml.MarkedYAMLError as error:
         line = f'line {error.problem_mark.line + 1}: ' if error.problem_mark else ''
-        raise ParameterError(f'{line}{error.problem}') from error
+        raise ParameterError(
+            f'{line}{error.problem}; next: correct this line'
+        ) from error
     except yaml.YAMLError as error:
-        raise ParameterError(str(error)) from error
+        text = ' '.join(str(error).split())
+        raise ParameterError(f'{text}; next: save the file as UTF-8') from error
 
 
 def read_sections(paths: Sequence[Path]) -> dict[str, dict[str, Any]]:

@@ -8,7 +8,8 @@ package uses the share directory of its ament prefix, or that of pip below ``sys
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+import errno
 import os
 from pathlib import Path
 import sys
@@ -74,13 +75,33 @@ def atomic_write(path: Path) -> Iterator[Path]:
     Yield the path of a draft, which replaces the file if the block ends without an exception.
 
     After an exception the previous file stays. After a loss of power, one of the two files is
-    complete.
+    complete. A file that is a mount point cannot be replaced: it is copied to ``NAME.bak`` and
+    then overwritten. Raises an OSError with the path of the file instead of the draft's.
     """
     draft = path.with_name(f'.{path.name}.part')
     try:
         yield draft
         with draft.open('rb+') as file:
             os.fsync(file.fileno())
-        draft.replace(path.resolve())
+        try:
+            draft.replace(path.resolve())
+        except OSError as error:
+            if error.errno != errno.EBUSY:
+                raise
+            _write_synchronised(path.with_name(f'{path.name}.bak'), path.read_bytes())
+            _write_synchronised(path, draft.read_bytes())
+    except OSError as error:
+        if error.filename == str(draft):
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise
     finally:
-        draft.unlink(missing_ok=True)
+        with suppress(OSError):
+            draft.unlink()
+
+
+def _write_synchronised(path: Path, content: bytes) -> None:
+    """Write a file and wait until it is on the disk."""
+    with path.open('wb') as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())

@@ -18,7 +18,7 @@ from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.units import VELOCITY_UNITS
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import file_sentence, ParameterError
 from facade_manipulator.parameters import read_value
 from facade_manipulator.resources import config_path
 
@@ -183,7 +183,9 @@ def load_profile(name: str) -> DriveProfile:
         )
         return _parse(name, path, path.read_text(encoding='utf-8'))
     except FileNotFoundError as error:
-        raise ParameterError(f'there is no drive profile {name}: {error}') from None
+        raise ParameterError(
+            f'there is no drive profile {name}: {file_sentence(error)}'
+        ) from None
     except (
         OSError,
         ValueError,
@@ -191,7 +193,11 @@ def load_profile(name: str) -> DriveProfile:
         KeyError,
         AttributeError,
     ) as error:
-        reason = f'{error.args[0]} is missing' if isinstance(error, KeyError) else error
+        reason = str(error)
+        if isinstance(error, KeyError):
+            reason = f'{error.args[0]} is missing'
+        if isinstance(error, OSError):
+            reason = file_sentence(error)
         raise ParameterError(
             f'the drive profile {name} is not valid: {reason}'
         ) from None

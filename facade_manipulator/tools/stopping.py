@@ -61,9 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help='mean deceleration without power (default: %(default)s)',
     )
     given = parser.parse_args(arguments)
-    files = machine_files(given.parameters)
 
     def run() -> None:
+        files = machine_files(given.parameters)
         announce('stopping', files)
         print_table(read_analysis(files), given.coasting)
 

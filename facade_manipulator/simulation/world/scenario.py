@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import file_reason, ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import read_value
 from facade_manipulator.resources import config_path
@@ -175,15 +175,17 @@ def load_scenario(name: str) -> Scenario:
         content = read_value(path.read_text(encoding='utf-8')) or {}
         made: Scenario = _checked('', content, Scenario())
         return made
+    except ParameterError as error:
+        raise ParameterError(f'scenario {name} rejected: {error}') from error
     except (
         OSError,
         UnicodeDecodeError,
-        ParameterError,
         TypeError,
         AttributeError,
     ) as error:
+        reason = file_reason(error) if isinstance(error, OSError) else str(error)
         raise ParameterError(
-            f'scenario {name} rejected: {error}; next: correct the file, or use one of '
+            f'scenario {name} rejected: {reason}; next: correct the file, or use one of '
             f'{", ".join(scenario_names())}'
         ) from error
 

@@ -30,9 +30,9 @@ from facade_manipulator.tools.parameter_files import announce, read_machine
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
     options = _parser().parse_args(arguments)
-    options.parameters = machine_files(options.parameters)
 
     def run() -> None:
+        options.parameters = machine_files(options.parameters)
         announce('calibrate', options.parameters)
         print(*options.run(options), sep='\n')
 
