@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 import sys
@@ -62,24 +62,43 @@ def declare(
         check(made)
         return made
 
-    made = make({name: _plain(item) for name, item in given_parameters(node).items()})
-    infos = {
-        parameters.full_name(prefix, name): (getattr(made, name), info)
+    declared = {
+        parameters.full_name(prefix, name): info
         for name, info in parameters.parameter_fields(cls, only).items()
     }
+    given = given_parameters(node)
+    _give_values_to_empty_arrays(given, declared)
+    made = make({name: _plain(item) for name, item in given.items()})
+    infos = {
+        name: (getattr(made, name.removeprefix(f'{prefix}.')), info)
+        for name, info in declared.items()
+    }
     for name, (value, info) in infos.items():
+        default = list(value) if isinstance(value, tuple) else value
         node.declare_parameter(
             name,
-            list(value) if isinstance(value, tuple) else value,
+            default,
             ParameterDescriptor(
                 description=info.text,
                 additional_constraints=accepted(info),
                 read_only=not info.live,
+                dynamic_typing=default == [],  # rclpy takes an empty array for bytes
             ),
         )
     if any(info.live for _, info in infos.values()):
         _accept_live_changes(node, infos.keys(), make, on_change)
     return made
+
+
+def _give_values_to_empty_arrays(
+    given: dict[str, Parameter], declared: Mapping[str, parameters.ParameterInfo]
+) -> None:
+    """Change the given parameters: ROS reads ``[]`` as a parameter without type and value."""
+    for name, info in declared.items():
+        item = given.get(name)
+        is_untyped = item is not None and item.type_ is Parameter.Type.NOT_SET
+        if is_untyped and isinstance(info.default, tuple):
+            given[name] = Parameter(name, value=[])
 
 
 def accepted(info: parameters.ParameterInfo) -> str:
@@ -121,6 +140,12 @@ def _accept_live_changes(
     node.add_post_set_parameters_callback(apply)
 
 
+def parameter_files(args: Sequence[str] | None = None) -> list[Path]:
+    """Return the parameter files in arguments, by default those of the process."""
+    words = pairwise(sys.argv if args is None else args)
+    return [Path(value) for word, value in words if word == '--params-file']
+
+
 def reject_unknown_parameters(
     nodes: Sequence[Node], args: Sequence[str] | None = None
 ) -> None:
@@ -131,11 +156,9 @@ def reject_unknown_parameters(
     nodes may contain groups for another process; an unknown name there is logged. `args` are the
     arguments of the process, by default `sys.argv`.
     """
-    words = list(pairwise(sys.argv if args is None else args))
+    words = pairwise(sys.argv if args is None else args)
     arguments = [_argument(value) for word, value in words if word in ('-p', '--param')]
-    files = parameters.read_sections(
-        [Path(value) for word, value in words if word == '--params-file']
-    )
+    files = parameters.read_sections(parameter_files(args))
     own = {node.get_name(): node for node in nodes}
     known = {name for node in nodes for name in node.list_parameters([], 0).names}
     groups = {name.partition('.')[0] for name in known}

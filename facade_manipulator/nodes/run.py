@@ -10,6 +10,7 @@ from functools import partial
 import gc
 import os
 from pathlib import Path
+import re
 import signal
 import sys
 import time
@@ -24,9 +25,18 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
-from facade_manipulator.errors import InputError, ManipulatorError, ParameterError
+from facade_manipulator import parameters
+from facade_manipulator.errors import (
+    file_sentence,
+    InputError,
+    ManipulatorError,
+    ParameterError,
+)
 from facade_manipulator.nodes import workarounds
-from facade_manipulator.nodes.parameters import reject_unknown_parameters
+from facade_manipulator.nodes.parameters import (
+    parameter_files,
+    reject_unknown_parameters,
+)
 from facade_manipulator.nodes.workarounds import ROSError, take_waiting
 
 try:
@@ -41,6 +51,7 @@ LOOK_PERIOD = 0.1  # s, maximum delay of a signal
 MOST_EXCEPTIONS, EXCEPTION_PERIOD = 10, 10.0
 OWN_CODE = str(Path(__file__).parents[1])
 RUN_LOOP = {__file__, workarounds.__file__}
+LOG_STEP = 'next: set ROS_LOG_DIR to a folder that you may write'
 SIMULATED_TIME = (
     'use_sim_time rejected: true, required is false, because a publisher of /clock '
     'could stop the supervision of the drives; next: remove use_sim_time'
@@ -60,6 +71,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     nodes: Sequence[Node] = ()
     try:
         with ros_errors():
+            parameters.read_sections(parameter_files(args))  # its errors name the file
             _reject_other_arguments(args)
             initialise(args)
             nodes = make_nodes()
@@ -158,22 +170,32 @@ def _report_exception(nodes: Sequence[Node], error: Exception) -> bool:
 
 def initialise(args: list[str] | None = None) -> None:
     """Initialise ROS without its signal handlers; raises a ManipulatorError for a rejection."""
-    with ros_errors():
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with ros_errors():
+            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # of a log file that cannot be opened
+        raise ManipulatorError(f'{error}; {LOG_STEP}') from error
 
 
 @contextmanager
 def ros_errors() -> Iterator[None]:
-    """Raise a ManipulatorError for an error of ROS, such as a malformed parameter file."""
+    """Raise a ManipulatorError for an error of ROS, or of a user's file."""
     try:
         yield
+    except OSError as error:
+        if error.filename is None:  # not the failure of a file
+            raise
+        raise ManipulatorError(file_sentence(error)) from error
     except ROSError as error:
+        message = re.sub(
+            ', at [^ ,]+:[0-9]+', '', str(error)
+        )  # places in the code of ROS
         hint = ''
         if 'logging' in str(error):
-            hint = '; next: set ROS_LOG_DIR to a folder that you may write'
+            hint = f'; {LOG_STEP}'
         elif os.environ.get('ROS_SECURITY_STRATEGY') == 'Enforce':
             hint = '; next: check whether this enclave is in the keystore'
-        raise ManipulatorError(f'{error}{hint}') from error
+        raise ManipulatorError(f'{message}{hint}') from error
 
 
 def handle_signals(action: Callable[[int, Any], object] | signal.Handlers) -> None:

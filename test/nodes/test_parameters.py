@@ -186,3 +186,15 @@ def test_live_contact_force_and_arrival_reach_the_compensator(ros):
     assert [result.reason for result in results] == [''] * len(changes)
     assert node._compensator.contact.pressing.settings.force == 20.0
     assert node._progress.watch.settings.distance == 0.01
+
+
+@pytest.mark.parametrize('name', ['distances', 'fixes', 'poses', 'wall.levels'])
+@pytest.mark.parametrize('form', ['file', 'argument'])
+def test_empty_array_is_an_array(ros, tmp_path, name, form):
+    file = tmp_path / 'own.yaml'
+    file.write_text(f'/**/disturbance_estimator: {{ros__parameters: {{{name}: []}}}}\n')
+    given = {'file': ['--params-file', str(file)], 'argument': ['-p', f'{name}:=[]']}
+    arguments = ['--ros-args', *given[form]]
+    node = ros.add(NODES['disturbance_estimator'](cli_args=arguments))
+    assert list(node.get_parameter(name).value) == []
+    reject_unknown_parameters([node], arguments)
