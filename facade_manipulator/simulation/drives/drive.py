@@ -76,7 +76,9 @@ class SimulatedDrive:
         }
         objects.writers[0x1016, 1] = self._forget_master
         if polarity := profile.input_polarity:
-            motor.inverted = lambda: objects.values[polarity[:2]] >> polarity.shift
+            motor.inverted = lambda: (
+                objects.values.get(polarity[:2], 0) >> polarity.shift
+            )
         self.set_identity(
             scale.vendor_id, scale.product_code, 1, axis.serial_number or axis.node_id
         )
@@ -153,7 +155,8 @@ class SimulatedDrive:
         if cob_id == pdo.NMT_COB_ID:
             return self._on_nmt if length == 2 else None
         state, values = self.objects.nmt.state, self.objects.values
-        consumer = values[0x1016, 1]  # node id of the master and time-out in ms
+        # node id of the master and time-out in ms; a drive without 1016h supervises no master
+        consumer = values.get((0x1016, 1), 0)
         if consumer & 0xFFFF and cob_id == pdo.HEARTBEAT + (consumer >> 16):
             return self._on_heartbeat if length == 1 else None
         if state == 'OPERATIONAL' and cob_id == values[0x1005, 0] & 0x7FF:

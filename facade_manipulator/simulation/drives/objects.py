@@ -19,14 +19,16 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 import math
+from pathlib import Path
 from typing import Any
 
-from canopen import LocalNode, SdoAbortedError
+from canopen import LocalNode, ObjectDictionary, SdoAbortedError
 from canopen.sdo import constants
 
 from facade_manipulator.canopen.eds import read_dictionary, variables
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.profile import DriveProfile
+from facade_manipulator.errors import ParameterError
 
 Key = tuple[int, int]
 Frame = tuple[int, bytes]
@@ -37,9 +39,35 @@ _ABSENT = (
     0x1003,
     0x1011,
 )  # in the EDS: the simulated drives neither list errors nor restore
+# that services, modes and motor read; a drive may lack 1016h
+_NEEDED = {
+    *((index, 0) for index in (0x1005, 0x1017, 0x6040, 0x605A, 0x6060, 0x6065, 0x6066)),
+    *((index, 0) for index in (0x607A, 0x607F, 0x6080, 0x6085, 0x6098, 0x609A, 0x60C5)),
+    *((0x1018, subindex) for subindex in (1, 2, 3, 4)),
+    *((index, subindex) for index in (0x607D, 0x6099, 0x60C2) for subindex in (1, 2)),
+}
+_MAPPING = 0x200  # from a communication parameter of a PDO to its mapping parameter
 _COMMANDS = {0x1010, 0x6040, 0x6060, 0x607A}  # writable, never stored
 
-_dictionary = lru_cache(maxsize=16)(read_dictionary)
+
+@lru_cache(maxsize=16)
+def _dictionary(eds: Path, node_id: int) -> ObjectDictionary:
+    """Return the objects in an EDS; raises a ParameterError if a simulated drive needs others."""
+    dictionary = read_dictionary(eds, node_id)
+    pdos = [*range(0x1400, 0x1600), *range(0x1800, 0x1A00)]
+    lacking = {index for index, _ in _NEEDED - variables(dictionary).keys()}
+    lacking |= {
+        index + _MAPPING
+        for index in pdos
+        if index in dictionary and index + _MAPPING not in dictionary
+    }
+    if lacking:
+        names = ', '.join(f'{index:04X}h' for index in sorted(lacking))
+        raise ParameterError(
+            f'{eds} rejected: it lacks {names}, which a simulated drive needs; next: add the '
+            'objects to the EDS, or use another profile'
+        )
+    return dictionary
 
 
 class Outbox:
