@@ -5,25 +5,21 @@ from setuptools import find_packages, setup
 
 MANIFEST = ElementTree.parse('package.xml').getroot()  # the only place of the version
 NAME = MANIFEST.findtext('name')
-EXECUTABLES = {
-    **{
-        node: f'nodes.{node}'
-        for node in (
-            'driver',
-            'ik_service',
-            'compensator',
-            'manipulator',
-            'disturbance_estimator',
-        )
-    },
-    'calibrate': 'tools.calibration.__main__',
-    'commission': 'tools.commissioning.__main__',
-    'demo': 'simulation.demo.demo',
-    'drive_simulator': 'simulation.drives.__main__',
-    'gondola_simulator': 'simulation.gondola_simulator',
-    'stopping': 'tools.stopping',
-    'workspace_study': 'study.__main__',
-}
+# functions of facade_manipulator/executables.py
+EXECUTABLES = (
+    'driver',
+    'ik_service',
+    'compensator',
+    'manipulator',
+    'disturbance_estimator',
+    'gondola_simulator',
+    'drive_simulator',
+    'calibrate',
+    'commission',
+    'stopping',
+    'demo',
+    'workspace_study',
+)
 
 # Ranges, so that a gondola's computer may use the packages of its distribution. In other
 # environments make installs the versions in .ci/constraints.txt.
@@ -33,7 +29,6 @@ REQUIRES = [
     'canopen>=2.4.1,<3',  # object dictionary (EDS), SDO, NMT, heartbeat, EMCY
     'ruckig>=0.14,<1',  # jerk-limited trajectories of head and carriages
     'PyYAML>=6,<7',  # drive profiles and scenarios
-    'rich>=13,<16',  # tables in the terminal: study
 ]
 EXTRAS = {
     'build': [
@@ -44,6 +39,7 @@ EXTRAS = {
         'ros-jazzy-common-interfaces==5.3.6',
     ],
     'study': [  # not needed by a node of the machine
+        'rich>=13,<16',  # tables of the study in the terminal
         'matplotlib>=3.6,<4',  # pictures of demo and study
         'Pillow>=9,<14',  # animation of the demo
     ],
@@ -106,7 +102,7 @@ setup(
     zip_safe=True,
     entry_points={
         'console_scripts': [
-            f'{name} = {NAME}.{module}:main' for name, module in EXECUTABLES.items()
+            f'{name} = {NAME}.executables:{name}' for name in EXECUTABLES
         ]
     },
 )

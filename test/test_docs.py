@@ -49,12 +49,9 @@ COMMANDS = [
     for line in block.replace('\\\n', ' ').splitlines()
 ]
 SETUP = (ROOT / 'setup.py').read_text()
-NODES = set(
-    re.findall(r"'(\w+)'", re.search(r'for node in \(([^)]*)\)', SETUP).group(1))
+EXECUTABLES = set(
+    re.findall(r"'(\w+)'", re.search(r'EXECUTABLES = \(([^)]*)\)', SETUP).group(1))
 )
-EXECUTABLES = NODES | set(re.findall(r"^    '(\w+)': '", SETUP, re.MULTILINE)) - {
-    'build'
-}
 
 
 def rows(head: str, text: str = INTERFACES) -> list[list[str]]:

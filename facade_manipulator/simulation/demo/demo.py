@@ -27,7 +27,7 @@ from rclpy.node import Node
 
 from facade_manipulator import topics
 from facade_manipulator.client import ManipulatorClient
-from facade_manipulator.commands import above_zero, exit_status
+from facade_manipulator.commands import above_zero, exit_status, require_packages
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics.planar import POSE_AXES
 from facade_manipulator.nodes import messages
@@ -328,7 +328,12 @@ def main(args: list[str] | None = None) -> int:
     )
     options = parser.parse_args(args)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    return exit_status('demo', lambda: Demo(options).run())
+
+    def run() -> None:
+        require_packages('mujoco')  # of a node that the demo starts
+        Demo(options).run()
+
+    return exit_status('demo', run)
 
 
 if __name__ == '__main__':
