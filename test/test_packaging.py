@@ -136,7 +136,9 @@ def test_executable_runs_without_home_and_docstrings(
     assert 'Traceback' not in log.read_text() and log.stat().st_size
 
 
-@pytest.mark.parametrize('variables', [{'HOME': ''}, {'ROS_LOG_DIR': '/proc/log'}])
+@pytest.mark.parametrize(
+    'variables', [{'HOME': ''}, {'ROS_LOG_DIR': '/proc/log'}, {'ROS_LOG_DIR': '/proc'}]
+)
 def test_missing_log_folder_names_the_next_step(variables):
     own = {
         name: text

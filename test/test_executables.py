@@ -1,0 +1,192 @@
+"""Executables without the packages of an extra, and with files that cannot be used."""
+
+import errno
+from importlib.metadata import entry_points
+import json
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+
+from facade_manipulator import executables
+from facade_manipulator.commands import EXTRA_OF
+from facade_manipulator.errors import file_sentence
+
+NODES = (
+    'driver',
+    'ik_service',
+    'compensator',
+    'manipulator',
+    'disturbance_estimator',
+    'gondola_simulator',
+)
+RUNS = [  # executable and arguments
+    *([node, '--help'] for node in NODES),
+    ['drive_simulator', '--help'],
+    ['commission', '--help'],
+    ['stopping'],
+    ['calibrate', 'poses', '--count', '8'],
+    ['calibrate', 'geometry', 'table.csv'],
+    ['calibrate', 'estimator', 'recording'],
+    ['demo', '--help'],
+    ['demo', '--duration', '1'],
+    ['workspace_study', '--table2'],
+    ['workspace_study', '--figures', 'pictures'],
+    ['workspace_study', '--optimise', 'area', '--scheduler', 'tcp://127.0.0.1:9'],
+]
+NEEDED = {  # runs that need a package; others may need it
+    'matplotlib': ['demo --help', 'workspace_study --figures pictures'],
+    'PIL': ['demo --help'],
+    'rich': ['workspace_study --table2'],
+    'scipy': ['calibrate geometry table.csv'],
+    'rosbags': ['calibrate estimator recording'],
+    'mujoco': ['gondola_simulator --help', 'demo --duration 1'],
+    'distributed': [
+        'workspace_study --optimise area --scheduler tcp://127.0.0.1:9',
+    ],
+    'rclpy': [*(f'{node} --help' for node in NODES), 'demo --help'],
+}
+CODE = """
+import contextlib, io, json, sys
+package, *runs = json.loads(sys.argv[1])
+sys.modules[package] = None  # importing it raises a ModuleNotFoundError
+from facade_manipulator import executables
+found = {}
+for run in runs:
+    sys.argv = run
+    errors = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
+        try:
+            status = getattr(executables, run[0])()
+        except SystemExit as end:
+            status = end.code
+    found[' '.join(run)] = status, errors.getvalue()
+print(json.dumps(found))
+"""
+
+
+def run_without(package, folder, runs):
+    """Return exit status and standard error of executables without a package, by their words."""
+    done = subprocess.run(
+        [sys.executable, '-c', CODE, json.dumps([package, *runs])],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def write_table(folder):
+    """Write a table of measured poses for `calibrate geometry`."""
+    poses = subprocess.run(
+        [sys.executable, '-m', 'facade_manipulator.tools.calibration', 'poses'],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    ).stdout.splitlines()
+    rows = [poses[0]]
+    for row in poses[1:]:
+        cells = row.split(',')
+        x, y, sine = (float(cell) for cell in cells[:3])
+        angle = 2.0 * sine / 0.01745329
+        rows.append(','.join([*cells[:7], f'{1e3 * x}', f'{1e3 * y}', f'{angle}']))
+    (folder / 'table.csv').write_text('\n'.join(rows))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('package', NEEDED)
+def test_executable_names_the_extra_of_a_missing_package(tmp_path, package):
+    write_table(tmp_path)
+    needing = NEEDED[package]
+    runs = [run for run in RUNS if ' '.join(run) in needing or len(run) < 3]
+    found = run_without(package, tmp_path, runs)
+    sentence = f'the Python package {package} is not installed; next: '
+    extra = f'the extra {EXTRA_OF.get(package, "ros")} of facade_manipulator'
+    for words in needing:
+        status, error = found[words]
+        assert status != 0 and sentence in error and extra in error, error
+    for words, (status, error) in found.items():
+        assert status == 0 or sentence in error, f'{words}: {error}'
+        assert 'Traceback' not in error
+
+
+def test_extras_install_the_packages_that_messages_name():
+    text = (Path(__file__).parents[1] / 'setup.py').read_text()
+    for package, extra in EXTRA_OF.items():
+        section = re.search(rf"^    '{extra}': \[(.*?)^    \]", text, re.M | re.S)[1]
+        name = {'PIL': 'Pillow'}.get(package, package)
+        assert f"'{name}>=" in section
+
+
+def test_every_executable_has_an_entry_point():
+    scripts = {
+        script.name
+        for script in entry_points(group='console_scripts')
+        if script.value.startswith('facade_manipulator.')
+    }
+    assert scripts == {words[0] for words in RUNS}
+    assert all(callable(getattr(executables, name)) for name in scripts)
+
+
+@pytest.mark.parametrize('number', sorted(errno.errorcode))
+def test_failure_of_a_file_is_a_sentence_with_its_path(number):
+    sentence = file_sentence(OSError(number, os.strerror(number), '/user/own.yaml'))
+    assert re.fullmatch(r'/user/own\.yaml rejected: .+; next: .+', sentence)
+    assert 'Errno' not in sentence
+
+
+UNUSABLE = ['nowhere.yaml', 'folder.yaml', 'file.yaml/below.yaml', 'bad.yaml']
+OF_FILES = {  # executables that read or write a file of the user, with its place
+    'stopping': ['{}'],
+    'calibrate': ['poses', '--parameters', '{}'],
+    'commission': ['scan', '--yes', '--parameters', '{}'],
+    'drive_simulator': ['--interface', 'virtual', '--profile', '{}'],
+    'gondola_simulator': ['--ros-args', '-p', 'scenario:={}'],
+    'demo': ['--scenario', '{}'],
+    **{node: ['--ros-args', '--params-file', '{}'] for node in NODES[:-1]},
+}
+
+
+@pytest.mark.long
+@pytest.mark.realtime
+@pytest.mark.parametrize('name', OF_FILES)
+def test_executable_names_the_file_that_it_cannot_use(name, ros_domain, tmp_path):
+    (tmp_path / 'folder.yaml').mkdir()
+    (tmp_path / 'file.yaml').touch()
+    (tmp_path / 'bad.yaml').write_text('[')
+    for file in UNUSABLE:
+        arguments = [word.format(file) for word in OF_FILES[name]]
+        done = subprocess.run(
+            [
+                sys.executable,
+                '-c',
+                f'from facade_manipulator.executables import {name} as main\n'
+                'raise SystemExit(main())',
+                *arguments,
+            ],
+            cwd=tmp_path,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        line = [line for line in done.stderr.splitlines() if file in line][-1]
+        assert done.returncode in (1, 2) and line.count('next: ') == 1, done.stderr
+        assert not re.search(r'Errno|Traceback|\.c:|/src/', done.stderr), done.stderr
+
+
+def test_closed_pipe_ends_a_tool_silently():
+    reader, writer = os.pipe()
+    os.close(reader)  # as `head` does after its last line
+    with os.fdopen(writer, 'wb') as output:
+        done = subprocess.run(
+            [sys.executable, '-m', 'facade_manipulator.tools.stopping'],
+            stdout=output,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert done.returncode == 141
+    assert done.stderr.splitlines()[1:] == []  # only the names of the files
