@@ -184,7 +184,11 @@ class DriveController(Session):
     def _begin(self, operation: Operation) -> None:
         running, request = self._operation, operation.request
         reason = ''
-        if running is not None and not request.interrupts:
+        is_closing = running is not None and running.name == 'close'
+        may_interrupt = request.interrupts and (
+            not is_closing or operation.name == 'close'
+        )
+        if running is not None and not may_interrupt:
             reason = f'while {running.name} is under way'
         elif request.needs_drives not in (None, self.is_configured):
             reason = (

@@ -42,6 +42,8 @@ class Group:
         Whether targets are commanded, and whether only until the carriages are at rest.
     is_settled : bool
         Whether all drives have completed the present step.
+    is_confirmed : bool
+        Whether the drives have completed an activation and follow targets since.
     causes : tuple of Cause
         Causes of the stop, the first cause first.
     homing : tuple of Homing
@@ -59,6 +61,7 @@ class Group:
         self.causes: tuple[Cause, ...] = ()
         self.not_responding: set[str] = set()
         self.homing: tuple[Homing, ...] = ()
+        self.is_confirmed = False
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
         self.commands: tuple[AxisCommand, ...] = ()
         self._cycles = 0
@@ -128,11 +131,12 @@ class Group:
         self._begin(plans.DISABLE, now)
 
     def halt(self, now: float) -> bool:
-        """Begin the steps of `plans.halt_plan`; return whether any exist."""
-        plan = plans.halt_plan(self._plan[0], self.is_settled)
+        """Begin the steps of `plans.halt_plan`; return whether carriages must come to rest."""
+        plan = plans.halt_plan(self._plan[0], self.is_confirmed)
         if plan is not None:
             self._begin(plan, now)
-        return plan is not None
+            return True
+        return self._plan[0].to_rest and self.state is not ControllerState.STOPPED
 
     def reset(self, now: float) -> None:
         """
@@ -193,6 +197,8 @@ class Group:
         """
         self._cycles += 1
         self._supervise(now)
+        if self.state is ControllerState.ACTIVE and self.is_settled:
+            self.is_confirmed = True
         if self.is_settled and len(self._plan) > 1 and not self._due_rank():
             self._begin(self._plan[1:], now)
             if self.state is ControllerState.INACTIVE:
@@ -301,6 +307,7 @@ class Group:
         self.state, self.follows = step.state, step.follows
         self.is_ramping = step.follows and step.to_rest
         self.is_settled = False
+        self.is_confirmed = self.is_confirmed and step.follows
         self._mode = self._mode if step.mode is None else step.mode
         self.commands = (AxisCommand(step.controlword, self._mode),) * len(AXIS_NAMES)
         self._cycles = 0

@@ -168,17 +168,20 @@ def enable_plan(hold_cycles: int) -> Plan:
     return *_power_on(Mode.CYCLIC_SYNCHRONOUS_POSITION), hold, *FOLLOW
 
 
-def halt_plan(step: Step, is_settled: bool) -> Plan | None:
+def halt_plan(step: Step, is_confirmed: bool) -> Plan | None:
     """
-    Return the plan of a halt during a step; None if no drive is commanded to move.
+    Return the plan of a halt during a step; None if the present plan continues.
 
-    A halt cancels a homing, or an activation that was not confirmed, and powers the drives off.
-    The reply states the cancellation.
+    Only after a confirmed activation do the carriages hold with power. Otherwise the halt cancels
+    a homing or an activation, and powers the drives off. A plan that already ends so continues,
+    because a repeated halt must not extend its time.
     """
     if step.state is ControllerState.HOMING:
         return END_HOMING
-    if step.state is ControllerState.ACTIVATING:
-        return DISABLE if step.follows else GIVE_UP_ENABLING
-    if not step.follows:
+    if step.state is ControllerState.ACTIVATING and not step.follows:
+        return GIVE_UP_ENABLING
+    if not step.follows or step.state is ControllerState.HALTED:
         return None
-    return DISABLE if step.state is ControllerState.ACTIVE and not is_settled else HALT
+    if is_confirmed:
+        return HALT
+    return None if step.state is ControllerState.DEACTIVATING else DISABLE

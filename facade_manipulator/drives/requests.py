@@ -391,13 +391,17 @@ def deactivate(session: Session) -> Steps[str]:
 def halt(session: Session) -> Steps[str]:
     """Come to rest on the path and hold; a homing or an activation is cancelled."""
     group = session.group
-    given_up = 'Homing' if group.state is ControllerState.HOMING else 'The activation'
+    before = group.state
     if not group.halt(session.now):
         return 'No carriage moves.'
     yield from _until(session, ControllerState.HALTED, ControllerState.INACTIVE)
-    if group.state is ControllerState.INACTIVE:
-        return f'{given_up} is cancelled.'
-    return 'The carriages are at rest and hold their positions.'
+    if group.state is ControllerState.HALTED:
+        return 'The carriages are at rest and hold their positions.'
+    if before is ControllerState.HOMING:
+        return 'Homing is cancelled.'
+    if before is ControllerState.DEACTIVATING:  # by an earlier halt
+        return 'The carriages are at rest.'
+    return 'The activation is cancelled.'
 
 
 def clear_faults(session: Session) -> Steps[str]:
