@@ -110,6 +110,14 @@ def test_close_while_configuring_ends_at_once(rig):
     assert 'closed' in rig.rejection('configure')
 
 
+def test_halt_does_not_cancel_close(rig):
+    in_motion(rig)
+    job = rig.ask('close')
+    assert 'halt is not possible while close is under way' in rig.rejection('halt')
+    rig.finish(job)
+    assert rig.state is ControllerState.CLOSED and rig.drive_states == OFF
+
+
 def test_rejected_requests_while_active_change_nothing(rig):
     at_rest(rig)
     for name in ('configure', 'cleanup', 'home', 'activate', 'self_test'):

@@ -173,6 +173,35 @@ def test_halt_in_any_cycle_of_activation_powers_off(cycles, latency):
     assert drives.group.state is (Doing.HALTED if was_done else Doing.INACTIVE)
 
 
+@pytest.mark.parametrize('pause', [0, 1, 5])
+@pytest.mark.parametrize('cycles', range(30))
+def test_two_halts_in_an_activation_power_off(cycles, pause):
+    drives = Drives()
+    drives.ask(Group.enable)
+    drives.cycle(cycles)
+    was_done = drives.group.state is Doing.ACTIVE and drives.group.is_settled
+    drives.at_rest = False
+    drives.ask(Group.halt)
+    drives.cycle(pause)
+    drives.ask(Group.halt)
+    drives.at_rest = True
+    drives.cycle(20)
+    assert drives.group.state is (Doing.HALTED if was_done else Doing.INACTIVE)
+
+
+@pytest.mark.parametrize('activation', [running, ramping])
+def test_repeated_halts_do_not_extend_the_ramp_time(activation):
+    drives = activation()
+    drives.at_rest = False
+    cycles = round(SETTINGS.ramp_timeout / PERIOD)
+    drives.ask(Group.halt)
+    for _ in range(cycles):
+        drives.cycle()
+        drives.ask(Group.halt)
+    drives.cycle(2)
+    assert 'still moving' in drives.group.reason
+
+
 # --- any doubt about one stops all
 
 
