@@ -13,6 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 import logging
 from math import ceil
 import threading
@@ -68,7 +69,8 @@ class DriveController(Session):
         #: takes each new snapshot, in the control thread; must not wait
         self.observe: Callable[[ControllerSnapshot], None] = allow_anything
         self._operation: Operation | None = None
-        self._requests: deque[Operation] = deque()
+        #: requests and stops in the order of their arrival, for the control thread
+        self._inputs: deque[Callable[[], None]] = deque()
         self._wake = threading.Event()
         self._rejected: tuple[str, ...] = ()
         self._remedy = ''  # of a forbidden power
@@ -90,25 +92,27 @@ class DriveController(Session):
     def request(self, name: str) -> Future[Any]:
         """Request one of `REQUESTS` at once; return its reply as a future."""
         operation = Operation(name, self)
-        self._requests.append(operation)
-        self._wake.set()
+        self._add_input(partial(self._begin, operation))
         if self.is_closed:
             self._reject_rest()
         return operation.future
 
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once; they stay stopped until the faults are cleared."""
-        exchange = self.exchange
-        if exchange is not None:  # else no drive has power
-            exchange.stops.append(Cause(cause))
+        self._add_input(partial(self._stop_for, Cause(cause)))
 
     def forbid_power(self, cause: str, remedy: str = '') -> None:
         """
         Stop and power off all drives, which get no power until a call with ``''``.
 
-        The remedy is the action of the operator before clear_faults, ``''`` for none.
+        The drives stop even if the call with ``''`` follows at once. The remedy is the action of
+        the operator before clear_faults, ``''`` for none.
         """
-        self._remedy, self.forbidden = remedy, cause
+        self._add_input(partial(self._forbid_power, cause, remedy))
+
+    def _add_input(self, act: Callable[[], None]) -> None:
+        self._inputs.append(act)
+        self._wake.set()
 
     def snapshot(self) -> ControllerSnapshot:
         """Return the newest state of controller and axes, renewed up to 100 times a second."""
@@ -158,16 +162,14 @@ class DriveController(Session):
             self._recover(error)
 
     def _turn(self) -> None:
-        while self._requests and not self.is_closed:
-            self._begin(self._requests.popleft())
+        while self._inputs and not self.is_closed:
+            self._inputs.popleft()()
         if self.exchange is not None:
-            self.exchange.turn()
+            self.exchange.turn(self._inputs)
         elif not self.is_closed:
             self.clock.wait(self._wake, IDLE_WAIT)
             self._wake.clear()
-        has_power = self.group.state.has_power or self.group.is_stopped
-        if self.forbidden and has_power and self.exchange is not None:
-            self.exchange.stop_for(Cause(self.forbidden, cut_power=True))
+        self._cut_forbidden_power()
         if self._operation is not None:
             self._resume(self._operation)
         cycles = (
@@ -181,7 +183,27 @@ class DriveController(Session):
         if self.is_configured and cycles % self.settings.rate == 0:
             realtime.collect_garbage()
 
+    def _stop_for(self, cause: Cause) -> None:
+        if self.exchange is not None:  # else no drive has power
+            self.exchange.stop_for(cause)
+
+    def _forbid_power(self, cause: str, remedy: str) -> None:
+        self.forbidden = cause
+        self._remedy = remedy
+        self._cut_forbidden_power()
+
+    def _cut_forbidden_power(self) -> None:
+        if self.forbidden and (self.group.state.has_power or self.group.is_stopped):
+            self._stop_for(Cause(self.forbidden, cut_power=True))
+
     def _begin(self, operation: Operation) -> None:
+        if self.is_closed:
+            operation.future.set_exception(
+                DriveStateError('the drive controller is closed')
+            )
+            return
+        if self._operation is not None and self.group.is_stopped:
+            self._resume(self._operation)  # answer a request that a stop has ended
         running, request = self._operation, operation.request
         reason = ''
         is_closing = running is not None and running.name == 'close'
@@ -239,10 +261,8 @@ class DriveController(Session):
         return '; '.join(filter(None, (message.rstrip('.'), power, step)))
 
     def _reject_rest(self) -> None:
-        while self._requests:
-            self._requests.popleft().future.set_exception(
-                DriveStateError('the drive controller is closed')
-            )
+        while self._inputs:
+            self._inputs.popleft()()
 
     def _recover(self, error: Exception) -> None:
         """Stop the drives for an unexpected error; the loop continues."""

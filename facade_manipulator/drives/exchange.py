@@ -16,8 +16,7 @@ control thread waits only for the next frame or the next deadline.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sized
 from functools import partial
 import math
 
@@ -73,8 +72,6 @@ class CyclicExchange:
             Drive(bus, one, settings, clock, serials) for one in monitors
         )
         self.clock = CycleClock(settings.period, len(monitors), bus.has_kernel_sync)
-        #: requested stops; any thread may append
-        self.stops: deque[Cause] = deque(maxlen=16)
         #: whether heartbeats are sent; a bus that was just opened is only listened to
         self.transmits = False
         #: whether a SYNC before the start is accepted, because a drive may send it
@@ -207,11 +204,17 @@ class CyclicExchange:
             self._routes[pdo.SYNC_COB_ID] = 0, self._on_sync
             self.bus.start_sync(self._settings.period)
 
-    def turn(self) -> None:
-        """Handle the frames of a cycle, or the next frame while there is no cycle."""
+    def turn(self, inputs: Sized = ()) -> None:
+        """
+        Handle the frames of a cycle, or the next frame while there is no cycle.
+
+        The method returns within `LONGEST_WAIT` after another thread has added an input.
+        """
         cycles = self.clock.statistics.cycles
         self._pump()
-        while self.has_started and self.clock.statistics.cycles == cycles:
+        while (
+            self.has_started and self.clock.statistics.cycles == cycles and not inputs
+        ):
             self._pump()
 
     def _pump(self) -> None:
@@ -234,8 +237,6 @@ class CyclicExchange:
                     Remedy.COMPUTER,
                 )
             )
-        while self.stops:
-            self.stop_for(self.stops.popleft())
         self.read_until = now if frame is None else frame.time
         if frame is not None:
             self._dispatch(frame)

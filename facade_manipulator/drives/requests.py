@@ -79,7 +79,7 @@ class Session:
     lost : str
         The reason why the bus of configured drives is lost, ``''`` if it is not.
     forbidden : str
-        The reason why no drive may have power, ``''`` if it may; set by any thread.
+        The reason why no drive may have power, ``''`` if it may.
 
     """
 
