@@ -174,3 +174,15 @@ def test_states_are_sent_at_most_at_100_hz(rate):
     configured(rig)
     rig.serve(1.0)
     assert 90 <= len(rig.sent['state']) <= 105
+
+
+def test_software_stop_shorter_than_a_cycle_stops_the_drives():
+    rig = LoopRig()
+    at_rest(rig)
+    rig.say('forbid', 'the red button is pressed', '')
+    rig.say('forbid', '', '')
+    rig.say('request', 1, 'clear_faults')
+    rig.serve(2.0)
+    ((_, succeeded, answer),) = rig.sent['reply']
+    assert succeeded and 'cleared (the red button is pressed)' in answer
+    assert rig.drive_states == OFF

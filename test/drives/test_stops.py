@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
-from bus_world import at_rest, HOME, SETTINGS, SITUATIONS
+from bus_world import at_rest, configured, HOME, SETTINGS, SITUATIONS, SWITCH_HOMING
 import pytest
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.controller import REQUESTS
+from facade_manipulator.drives.exchange import LONGEST_WAIT
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, POWERED_STATES, State
-from facade_manipulator.errors import LimitError
+from facade_manipulator.errors import DriveError, LimitError
 from facade_manipulator.motion.follower import SetpointFollower
 from facade_manipulator.motion.limits import MotionLimits
 
@@ -143,6 +145,66 @@ def test_powered_drives_stop_when_power_is_forbidden(rig, situation):
     rig.course = None
     rig.controller.forbid_power('')
     rig.request('activate')
+
+
+def forbid_for_a_moment(rig):
+    rig.controller.forbid_power('the red button is pressed')
+    rig.controller.forbid_power('')
+
+
+def stop(rig):
+    rig.controller.stop('the red button is pressed')
+
+
+CREEP = MotionLimits(speed=0.03, acceleration=0.3)  # permitted at every rate
+STOPS = pytest.mark.parametrize('press', [forbid_for_a_moment, stop])
+HALTED = {'halted': lambda rig: (at_rest(rig), rig.request('halt'))}
+WITH_POWER = HALTED | {
+    name: SITUATIONS[name] for name in ('homing', 'active at rest', 'active in motion')
+}
+
+
+@pytest.mark.long
+@STOPS
+@pytest.mark.parametrize('request_', [None, *sorted({*REQUESTS} - {'close'})])
+@pytest.mark.parametrize('situation', WITH_POWER)
+def test_stop_takes_effect_whatever_follows_at_once(
+    make_rig, situation, request_, press
+):
+    rig = make_rig(axes=SWITCH_HOMING if situation == 'homing' else DEFAULT_AXES)
+    WITH_POWER[situation](rig)
+    press(rig)
+    answer = rig.ask(request_) if request_ else None
+    rig.until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 0.1)
+    rig.run(2.0)
+    assert State.OPERATION_ENABLED not in rig.drive_states
+    if request_ == 'clear_faults':
+        assert 'cleared (the red button is pressed)' in answer.result()
+
+
+@STOPS
+@pytest.mark.parametrize('request_', ['home', 'activate'])
+def test_stop_cancels_a_request_just_before_it(rig, request_, press):
+    configured(rig)
+    job = rig.ask(request_)
+    press(rig)
+    with pytest.raises(DriveError, match='the red button is pressed'):
+        rig.finish(job)
+    rig.run(0.5)
+    assert State.OPERATION_ENABLED not in rig.drive_states
+
+
+@STOPS
+@pytest.mark.parametrize('rate', [10, 50, 100, 500])
+def test_stop_reaches_the_bus_within_20_ms(make_rig, rate, press):
+    rig = make_rig(settings=replace(SETTINGS, rate=rate), limits=CREEP)
+    at_rest(rig)
+    pressed = rig.clock.now + 0.0307
+    rig.later(pressed - rig.clock.now, lambda: press(rig))
+    rig.frames()
+    rig.run(0.2)
+    (first, *_) = [frame.time for frame in rig.frames() if is_quick_stop(frame)]
+    assert pressed <= first <= pressed + LONGEST_WAIT + 0.001
 
 
 def test_unforeseen_error_stops_drives_not_the_thread(make_rig):
