@@ -34,6 +34,8 @@ from facade_manipulator.drives.targets import TargetSupervisor
 from facade_manipulator.errors import BusError
 
 LONGEST_WAIT = 0.02  # s, after which requests are read
+# of the heartbeat time-out: after a longer pause of this loop frames may have been dropped
+EXCUSING_PAUSE = 0.5
 LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
 _ERROR_CODE_LENGTH = 2  # of an emergency message, which begins with its error code
 # least length of the data, because a drive may pad its frames to 8 bytes; receiver
@@ -228,6 +230,9 @@ class CyclicExchange:
         )
         now = self._now()
         pause, self._pumped = now - self._pumped, now
+        if pause > EXCUSING_PAUSE * self._settings.heartbeat_timeout:
+            for monitor in self.group.monitors:
+                monitor.excuse_silence(now)
         if pause > self._settings.heartbeat_timeout:
             # the drives are not silent, because their frames still wait
             self.stop_for(
@@ -270,14 +275,16 @@ class CyclicExchange:
             monitor.end_cycle(self.clock.sync_time)
             monitor.at_rest = monitor.at_rest and may_rest
         targets.supervise(now)
-        if group.state is not ControllerState.STOPPED:
-            for cause in (
-                *self._silences(),
-                *self.clock.causes(
-                    self._settings.max_missed_cycles, group.state.has_power
-                ),
-            ):
-                group.stop(cause, now)
+        is_running = group.state is not ControllerState.STOPPED
+        causes = []
+        if is_running or group.is_stopped:  # not while a cleanup cuts the power
+            causes += self._silences()
+        if is_running:
+            causes += self.clock.causes(
+                self._settings.max_missed_cycles, group.state.has_power
+            )
+        for cause in causes:
+            group.stop(cause, now)
         taken_out = set(group.not_responding)
         group.step(now)
         if in_time or not group.follows:
@@ -289,23 +296,30 @@ class CyclicExchange:
                 targets.withdraw()
         for monitor in group.monitors:
             if monitor.name in group.not_responding - taken_out:  # despite a quick stop
+                monitor.expect('STOPPED')
                 self.bus.command('STOPPED', monitor.axis.node_id)
 
     def _silences(self) -> list[Cause]:
         """
-        Return the causes of silent drives: one cause for the bus if all drives are silent.
+        Return the causes of newly silent drives: one cause for the bus if all are silent.
 
         The age of frames counts until the last frame that was read: others may wait to be read.
+        A silent drive may have restarted unnoticed, also while the drives are stopped.
         """
-        monitors = self.group.monitors
-        causes = [
-            cause
-            for one in monitors
-            if (cause := one.silence(self.read_until)) is not None
-        ]
-        if len(causes) == len(monitors):
-            remedy = Remedy.COMPUTER if self.bus.is_virtual else Remedy.BUS
-            return [Cause(f'no drive answers any longer: {causes[0].message}', remedy)]
+        silent = {
+            one: cause
+            for one in self.group.monitors
+            if (cause := one.new_silence(self.read_until)) is not None
+        }
+        causes = [*silent.values()]
+        if len(silent) == len(self.group.monitors):
+            message = f'no drive answers any longer: {causes[0].message}'
+            if self.bus.is_virtual:  # simulated drives pause with this process
+                is_new = not self.group.is_stopped
+                return [Cause(message, Remedy.COMPUTER)] if is_new else []
+            causes = [Cause(message, Remedy.BUS, configure_again=True)]
+        for monitor in silent:
+            monitor.lose()
         return causes
 
     # --- sending

@@ -123,6 +123,13 @@ class AxisMonitor:
         self.heartbeat_time: float | None = None
         #: number of boot-up messages since the last reset, or since the begin of supervision
         self.boot_ups = 0
+        #: whether the drive was silent, so that it may have restarted unnoticed
+        self.is_lost = False
+        self._may_miss = (
+            False  # whether missing answers are excused until the next answer
+        )
+        self._commanded = 'OPERATIONAL'  # NMT state that this master has commanded
+        self._expected = {self._commanded}  # and states that may precede it
         self.forget_errors()
         self.serial_number: int | None = None
         #: whether the drive, as it was configured, stops when this computer falls silent
@@ -183,7 +190,24 @@ class AxisMonitor:
         """Treat silence as a fault after a time [s]."""
         self._supervised_since = now
         self.boot_ups = 0
+        self.is_lost = False
         self.answers = Answers(self.tpdos, self._settings.rate)
+
+    def excuse_silence(self, now: float) -> None:
+        """
+        Excuse the silence before a time [s], and missing answers until the next answer.
+
+        The frames were not read, or were dropped from a full queue.
+        """
+        self._supervised_since = now
+        self._may_miss = True
+
+    def expect(self, nmt_state: str) -> None:
+        """Expect an NMT state that this master commands."""
+        if nmt_state != self._commanded:
+            self._expected = {self._commanded, nmt_state}
+            self._may_miss = True
+        self._commanded = nmt_state
 
     def encode(self, command: AxisCommand, target: int) -> list[tuple[int, bytes]]:
         """Return COB-ID and data of the RPDOs with a command and a target [counts]."""
@@ -269,6 +293,11 @@ class AxisMonitor:
         self.nmt_state = NMT_STATES.get(number)
         # a heartbeat seems old if the clock is set while it is on its way
         self.heartbeat_time = max(frame.time, self.heartbeat_time or frame.time)
+        if self.nmt_state == self._commanded:
+            self._expected = {self._commanded}
+        is_pre_operational = self.nmt_state == 'PRE-OPERATIONAL'
+        if is_pre_operational and self.nmt_state not in self._expected:
+            self.encoder.distrust()  # the drive may have restarted
         if self.nmt_state == 'INITIALISING':
             self.boot_ups += 1
             self.encoder.distrust()
@@ -315,7 +344,7 @@ class AxisMonitor:
     def silence(self, now: float) -> Cause | None:
         """Return the cause of a stop if answers or heartbeats are missing at a time [s]."""
         settings, missed = self._settings, self.answers.missed_in_a_row
-        age = now - max(self.heartbeat_time or 0.0, self._supervised_since)
+        age = self._heartbeat_age(now)
         if missed >= settings.max_missed_cycles:
             failure = (
                 f'did not answer {missed} cycles in a row, '
@@ -335,3 +364,25 @@ class AxisMonitor:
             configure_again=True,
             is_vague=True,
         )
+
+    def new_silence(self, now: float) -> Cause | None:
+        """
+        Return the cause of a stop if the drive is silent at a time [s], None if it is lost.
+
+        A drive in an NMT state other than operational answers no SYNC.
+        """
+        if now >= self._supervised_since and not self.answers.missed_in_a_row:
+            self._may_miss = False
+        may_miss = self._may_miss or self._commanded != 'OPERATIONAL'
+        has_heartbeat = self._heartbeat_age(now) <= self._settings.heartbeat_timeout
+        if self.is_lost or (may_miss and has_heartbeat):
+            return None
+        return self.silence(now)
+
+    def lose(self) -> None:
+        """Record that the drive was silent: it may have restarted and lost its position."""
+        self.is_lost = True
+        self.encoder.distrust()
+
+    def _heartbeat_age(self, now: float) -> float:
+        return now - max(self.heartbeat_time or 0.0, self._supervised_since)

@@ -156,6 +156,7 @@ class Session:
         """Send a network management command to drives; raises a BusError."""
         if self.exchange is not None:
             for one in monitors:
+                one.expect(name)
                 self.exchange.bus.command(name, one.axis.node_id)
 
     def close_bus(self) -> None:
