@@ -1,0 +1,126 @@
+"""Home position: lost with every restart that a drive may have made, kept in our own pauses."""
+
+from __future__ import annotations
+
+from bus_world import at_rest, configured, Rig
+import pytest
+
+from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.simulation.drives.drive import SimulatedDrive
+
+pytestmark = pytest.mark.long
+
+BOOT_TIME = 0.3  # s, in which a restarting drive sends no frame
+SAVE = int.from_bytes(b'save', 'little')
+
+
+def stopped(rig: Rig) -> None:
+    at_rest(rig)
+    rig.controller.stop('the operator stops')
+    rig.run(0.3)
+
+
+def halted(rig: Rig) -> None:
+    at_rest(rig)
+    rig.request('halt')
+
+
+SITUATIONS = {
+    'configured': configured,
+    'active': at_rest,
+    'halted': halted,
+    'stopped': stopped,
+}
+situations = pytest.mark.parametrize('situation', SITUATIONS)
+
+
+# --- restarts of which no boot-up message arrives
+
+
+def restart(rig: Rig, drive: SimulatedDrive) -> None:
+    """Restart a drive, whose objects are stored, without a boot-up message."""
+    drive.objects._store(SAVE)
+    drive.is_silent = True
+    drive.reboot()
+    rig.later(BOOT_TIME, lambda: setattr(drive, 'is_silent', False))
+
+
+def restart_itself(rig: Rig, drive: SimulatedDrive) -> None:
+    """Restart a drive that enters the NMT state operational by itself."""
+    restart(rig, drive)
+    state = drive.objects.nmt
+    rig.later(BOOT_TIME - 0.05, lambda: setattr(state, 'state', 'OPERATIONAL'))
+
+
+def restart_without_heartbeat(rig: Rig, drive: SimulatedDrive) -> None:
+    """Restart a drive without stored objects: it sends neither answers nor heartbeats."""
+    drive.is_silent = True
+    drive.reboot()
+    rig.later(BOOT_TIME, lambda: setattr(drive, 'is_silent', False))
+
+
+@situations
+@pytest.mark.parametrize(
+    'restart_', [restart, restart_itself, restart_without_heartbeat]
+)
+@pytest.mark.parametrize('numbers', [(0,), (0, 1, 2)], ids=str)
+def test_restart_that_nobody_heard_loses_the_home_position(
+    rig, situation, restart_, numbers
+):
+    SITUATIONS[situation](rig)
+    for number in numbers:
+        restart_(rig, rig.drives[number])
+    rig.run(BOOT_TIME + 1.5)
+    assert set(rig.snapshot.unhomed) >= {AXIS_NAMES[number] for number in numbers}
+    assert 'home, activate' in rig.snapshot.next_step
+    rig.recover()
+    places = [axis.position for axis in rig.snapshot.axes]
+    assert places == pytest.approx(rig.carriages, abs=1e-3)
+
+
+@situations
+def test_uncommanded_pre_operational_loses_the_home_position(rig, situation):
+    SITUATIONS[situation](rig)
+    rig.deliver([(0x701, b'\x7f')])
+    rig.run(0.1)
+    assert rig.snapshot.unhomed == ('q1',)
+
+
+# --- pauses and commands of our own
+
+
+@situations
+@pytest.mark.parametrize('seconds', [0.1, 0.14, 0.2, 2.0])
+@pytest.mark.parametrize('has_kernel_sync', [False, True])
+@pytest.mark.parametrize('room', [10_000, 100], ids='queue of {} frames'.format)
+def test_own_pause_keeps_the_home_position(
+    make_rig, situation, seconds, has_kernel_sync, room
+):
+    rig = make_rig(has_kernel_sync=has_kernel_sync)
+    SITUATIONS[situation](rig)
+    limit_queue(rig, room)
+    rig.stall(seconds)
+    rig.run(1.0)
+    assert not rig.snapshot.unhomed
+    assert 'configure' not in rig.snapshot.next_step
+    rig.recover()
+
+
+def limit_queue(rig: Rig, room: int) -> None:
+    """Drop frames to the master while its queue is full, as the socket does."""
+    deliver = rig.deliver
+    rig.deliver = lambda frames: [
+        deliver([frame])
+        for frame in frames
+        if rig.bus is None or len(rig.bus.inbox) < room
+    ]
+
+
+def test_own_nmt_stop_keeps_the_home_position(rig):
+    stopped(rig)
+    monitors = rig.controller.monitors
+    rig.controller.command('STOPPED', monitors[:1])
+    rig.run(1.0)
+    assert rig.drives[0].objects.nmt.state == 'STOPPED'
+    assert not rig.snapshot.unhomed
+    rig.request('clear_faults', 'activate')
