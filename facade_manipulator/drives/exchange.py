@@ -275,15 +275,7 @@ class CyclicExchange:
             monitor.end_cycle(self.clock.sync_time)
             monitor.at_rest = monitor.at_rest and may_rest
         targets.supervise(now)
-        is_running = group.state is not ControllerState.STOPPED
-        causes = []
-        if is_running or group.is_stopped:  # not while a cleanup cuts the power
-            causes += self._silences()
-        if is_running:
-            causes += self.clock.causes(
-                self._settings.max_missed_cycles, group.state.has_power
-            )
-        for cause in causes:
+        for cause in self._failures():
             group.stop(cause, now)
         taken_out = set(group.not_responding)
         group.step(now)
@@ -298,6 +290,19 @@ class CyclicExchange:
             if monitor.name in group.not_responding - taken_out:  # despite a quick stop
                 monitor.expect('STOPPED')
                 self.bus.command('STOPPED', monitor.axis.node_id)
+
+    def _failures(self) -> list[Cause]:
+        """Return the causes of a stop by silent drives, and by the cycle unless stopped."""
+        group = self.group
+        is_running = group.state is not ControllerState.STOPPED
+        causes = []
+        if is_running or group.is_stopped:  # not while a cleanup cuts the power
+            causes += self._silences()
+        if is_running:
+            causes += self.clock.causes(
+                self._settings.max_missed_cycles, group.state.has_power
+            )
+        return causes
 
     def _silences(self) -> list[Cause]:
         """
