@@ -96,12 +96,7 @@ FAULTS = {
         lost(drive(slipping), 'has jumped by 0.0'), shows=CONFIGURED - {'homing'}
     ),
     'silent': Fault(drive(silent), 'did not', CONFIGURE),  # answer, or stop
-    'no heartbeat': Fault(
-        drive(without_heartbeat),
-        'sent no heartbeat',
-        CONFIGURE,
-        CONFIGURED - {'stopping'},
-    ),
+    'no heartbeat': Fault(drive(without_heartbeat), 'sent no heartbeat', CONFIGURE),
     'restart': restart(drive(restarting)),
     'another drive': restart(drive(lambda one: one.set_identity(0, 0, 0, 7))),
     'deaf to RPDO': Fault(drive(deaf_to_rpdo), 'q2', CONFIGURE, {'active in motion'}),
