@@ -96,9 +96,8 @@ class DriverNode(ManagedNode):
         self._message = JointState(name=CARRIAGES)  # of each joint state
         self._status = self.create_publisher(*topics.DRIVER_STATUS)
         self._inputs = PublisherWatch(self, self.diagnostics, self._apply_software_stop)
-        self._inputs.watch(
-            topics.DRIVER_STATUS.name
-        )  # of another driver in the namespace
+        # of another driver in the namespace
+        self._inputs.watch(topics.DRIVER_STATUS)
         self._inputs.subscribe(topics.JOINT_SETPOINTS, self._receive_setpoint)
         if self._is_simulated:
             self._inputs.subscribe(topics.CARRIAGE_FORCES, self._receive_forces)

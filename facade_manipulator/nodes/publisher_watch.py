@@ -13,6 +13,7 @@ from typing import Any
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import qos_profile_sensor_data
 
 from facade_manipulator.errors import InputError, LimitError, ManipulatorError
 from facade_manipulator.nodes.conversions import steady_timer
@@ -24,6 +25,7 @@ LOOK_PERIOD = 0.5  # s; counting the publishers of a topic takes 6 us
 BOUND = 1  # publisher of a topic
 # Fast DDS keeps a killed node in the graph for its lease of 20 s
 NEXT = 'next: end one of the nodes, or wait 20 s if one has crashed'
+ANY_PUBLISHER = qos_profile_sensor_data  # compatible with every publisher
 NAMELESS = '_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_'  # until the name arrives
 
 
@@ -71,9 +73,25 @@ class PublisherWatch:
         ] = {}  # of those whose publisher cannot be received
         steady_timer(node, LOOK_PERIOD, self.look)
 
-    def watch(self, name: str) -> None:
-        """Count the publishers of a topic; `subscribe` does so itself."""
-        self._names.append(name)
+    def watch(self, topic: Topic) -> None:
+        """
+        Count the publishers of a topic that the node itself publishes.
+
+        The node subscribes, because a discovery server reports the publishers of a topic only to
+        its subscribers. The messages are ignored.
+        """
+        self._names.append(topic.name)
+
+        def count(status: Any) -> None:
+            self._count(topic.name, status.current_count)
+
+        self._node.create_subscription(
+            topic.type,
+            topic.name,
+            lambda _: None,
+            ANY_PUBLISHER,
+            event_callbacks=SubscriptionEventCallbacks(matched=count),
+        )
 
     def subscribe(
         self,
@@ -97,7 +115,7 @@ class PublisherWatch:
 
         """
         name = topic.name
-        self.watch(name)
+        self._names.append(name)
 
         def receive(message: Any) -> None:
             self._incompatible.pop(name, None)
