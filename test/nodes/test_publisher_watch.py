@@ -4,6 +4,7 @@ import re
 
 from nodes.bench import diagnostics_of, NodeBench, NODES
 import pytest
+from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from facade_manipulator import topics
@@ -103,3 +104,18 @@ def test_second_publisher_of_an_input_is_an_error(ros, name, component, topic):
         'the rejection',
     )
     assert 'rejected: publishers' in bench.tested.diagnostics.rejections()
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_publishers_are_counted_only_of_subscribed_topics(ros, monkeypatch, name):
+    """A discovery server reports the publishers of a topic only to its subscribers."""
+    counted, count = set(), Node.count_publishers
+
+    def note(node, topic):
+        counted.add(topic)
+        return count(node, topic)
+
+    monkeypatch.setattr(Node, 'count_publishers', note)
+    node = ros.add(NODES[name]())
+    ros.until(lambda: counted, 'the count')
+    assert counted <= {one.topic_name for one in node.subscriptions}
