@@ -25,7 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
-from facade_manipulator import parameters
+from facade_manipulator import config_path, parameters
 from facade_manipulator.errors import (
     file_sentence,
     InputError,
@@ -57,6 +57,21 @@ SIMULATED_TIME = (
     'could stop the supervision of the drives; next: remove use_sim_time'
 )
 
+ROS_ARGUMENTS = """\
+ROS arguments:
+  --ros-args             begin of the ROS arguments
+  --params-file FILE     read parameters from a file; a later file overrides an earlier file
+  -p NAME:=VALUE         set a parameter
+  -r __ns:=/NAME         put the node into the namespace of a machine
+  --log-level LEVEL      log from this severity: debug, info, warn or error
+
+Example:
+  {name} --ros-args --params-file {file} -r __ns:=/gondola_1
+
+The page docs/reference.md describes the topics, services and parameters. `ros2 node info` and
+`ros2 param describe` show those of a running node.
+"""
+
 
 def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None) -> int:
     """
@@ -72,7 +87,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     try:
         with ros_errors():
             parameters.read_sections(parameter_files(args))  # its errors name the file
-            _reject_other_arguments(args)
+            _reject_other_arguments(make_nodes, args)
             initialise(args)
             nodes = make_nodes()
         _require_own_names(nodes)
@@ -223,14 +238,16 @@ def _require_own_names(nodes: Sequence[Node]) -> None:
             )
 
 
-def _reject_other_arguments(args: list[str] | None) -> None:
+def _reject_other_arguments(
+    make_nodes: Callable[[], Sequence[Node]], args: list[str] | None
+) -> None:
     """Answer ``--help``, and exit at an argument that ROS does not read."""
     words = remove_ros_args(args=sys.argv if args is None else ['node', *args])
+    name = Path(words[0]).stem
+    module = sys.modules[make_nodes.__module__]
     argparse.ArgumentParser(
-        prog=Path(words[0]).name,
-        description='A node of facade_manipulator.',
-        epilog=(
-            'ROS arguments follow --ros-args: --params-file FILE, -p NAME:=VALUE, -r __ns:=/NAME. '
-            'Parameters: ros2 param list, ros2 param describe, config/manipulator.yaml.'
-        ),
+        prog=name,
+        description=module.__doc__,
+        epilog=ROS_ARGUMENTS.format(name=name, file=config_path('manipulator.yaml')),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     ).parse_args(words[1:])

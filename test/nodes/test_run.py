@@ -1,5 +1,6 @@
 """Process of a node: start, run and end."""
 
+from importlib import import_module
 import os
 import signal
 from threading import Event, Thread, Timer
@@ -14,11 +15,16 @@ from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 from support import DEADLINE
 
+from facade_manipulator import config_path
 from facade_manipulator.nodes import run
 from facade_manipulator.nodes.lifecycle import ManagedNode
 from facade_manipulator.nodes.workarounds import take_waiting
 
 pytestmark = pytest.mark.realtime
+MODULES = [
+    f'simulation.{name}' if name == 'gondola_simulator' else f'nodes.{name}'
+    for name in NODES
+]
 CONNECTED = ['compensator', 'ik_service']  # of the process `manipulator`
 
 
@@ -199,6 +205,19 @@ def test_arguments_of_another_program_are_rejected(
         run.run(pytest.fail, arguments)
     captured = capfd.readouterr()
     assert end.value.code == status and text in captured.out + captured.err
+
+
+@pytest.mark.parametrize(
+    'module', [*MODULES, 'nodes.manipulator'], ids=lambda name: name.rpartition('.')[2]
+)
+def test_help_of_a_node_describes_the_node(capsys, handlers, module):
+    executable = import_module(f'facade_manipulator.{module}')
+    with pytest.raises(SystemExit) as end:
+        executable.main(['--help'])
+    text = capsys.readouterr().out
+    assert end.value.code == 0
+    assert executable.__doc__.splitlines()[0] in text
+    assert str(config_path('manipulator.yaml')) in text
 
 
 @pytest.mark.parametrize(
