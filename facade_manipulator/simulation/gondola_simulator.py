@@ -117,7 +117,8 @@ class GondolaSimulatorNode(Node):
         if now - self._world.time > SILENCE:
             self._advance(now - SILENCE, self._world.carriages)
         for name, stamp, values in self._world.raw_sensors.receive(now):
-            self._publish(name, stamp, **raw_fields(name, *values))
+            frame_id = self._frames.prefix + name  # each sensor has its own frame
+            self._publish(name, stamp, frame_id, **raw_fields(name, *values))
         for stamp, pose, variances, *_ in self._world.estimator.receive(now):
             estimate = PoseWithCovariance(pose=conversions.pose_message(pose))
             estimate.covariance[[*messages.VARIANCES]] = variances

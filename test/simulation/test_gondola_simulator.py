@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 from nodes.bench import NodeBench
 import pytest
+from rclpy.parameter import Parameter
 
 from facade_manipulator import topics
 from facade_manipulator.kinematics import compose, Geometry, inverse_kinematics, Pose
@@ -15,6 +16,7 @@ from facade_manipulator.simulation.gondola_simulator import (
     GondolaSimulatorNode,
     POSES,
     raw_fields,
+    RAW_SENSORS,
 )
 
 HEAD = Pose(0.03, 0.25, 0.02)  # in frame rail
@@ -45,6 +47,32 @@ def test_estimates_have_frame_and_variances(ros):
     assert received[-1].pose.covariance[[0, 35]] == pytest.approx(
         (1e-6, math.radians(0.1) ** 2)
     )
+
+
+@pytest.mark.parametrize('scenario', ['breeze', 'sensors', 'pressing'])
+def test_each_simulated_measurement_has_a_frame_of_its_namespace(ros, scenario):
+    overrides = [Parameter('scenario', value=scenario)]
+    simulator = ros.add(
+        GondolaSimulatorNode(namespace='gondola_1', parameter_overrides=overrides)
+    )
+    measurements = (*RAW_SENSORS, topics.DISTURBANCE, topics.CONTACT_WRENCH)
+    offered = {publisher.topic_name for publisher in simulator.publishers}
+    bench = ros.node(namespace='gondola_1')
+    received = {
+        topic.name: ros.collect(bench, *topic[:2], topic.subscription_qos)
+        for topic in measurements
+        if f'/gondola_1/{topic.name}' in offered
+    }
+    carriages = bench.create_publisher(*topics.JOINT_STATES)
+    bench.create_timer(
+        0.02,
+        lambda: carriages.publish(joint_state(ros_time(), POSITIONS, (0.0, 0.0, 0.0))),
+    )
+    ros.until(lambda: received and all(received.values()), 'each measurement')
+    frames = {name: found[-1].header.frame_id for name, found in received.items()}
+    assert all(frame.startswith('gondola_1/') for frame in frames.values()), frames
+    raw = {topic.name for topic in RAW_SENSORS} & frames.keys()
+    assert {frames[name] for name in raw} == {f'gondola_1/{name}' for name in raw}
 
 
 def test_head_and_errors_follow_rail_carriages_and_goal(ros):
