@@ -43,6 +43,39 @@ def test_service_is_restarted_only_on_failure(path):
     assert (service['Type'], service['Restart']) == ('exec', 'on-failure')
 
 
+#: variables with which a user selects and configures the middleware, with an example each
+MIDDLEWARE = {
+    'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp',
+    'ROS_DOMAIN_ID': '3',
+    'ROS_DISCOVERY_SERVER': '10.0.0.1:11811',
+    'ROS_SECURITY_KEYSTORE': '/opt/keys',
+    'FASTRTPS_DEFAULT_PROFILES_FILE': '/opt/fast.xml',
+    'FASTDDS_DEFAULT_PROFILES_FILE': '/opt/fast.xml',
+    'CYCLONEDDS_URI': '<CycloneDDS><Domain Id="any"/></CycloneDDS>',
+    'NDDS_QOS_PROFILES': 'file:///opt/connext.xml',
+    'NDDSHOME': '/opt/connext',
+    'RTI_LICENSE_FILE': '/opt/connext/license.dat',
+    'ZENOH_SESSION_CONFIG_URI': '/opt/session.json5',
+    'ZENOH_ROUTER_CONFIG_URI': '/opt/router.json5',
+    'ZENOH_CONFIG_OVERRIDE': 'mode="client"',
+}
+PAGE = config_path().parent / 'docs/installation.md'
+
+
+@pytest.mark.skipif(not PAGE.exists(), reason='the pages exist only in the source tree')
+def test_services_get_each_variable_of_the_middleware():
+    (pattern,) = re.findall(r"env \| grep -E '([^']+)'", PAGE.read_text('utf-8'))
+    kept = subprocess.run(
+        ['bash', '-c', 'env | grep -E "$0"', pattern],
+        env={'PATH': os.environ['PATH'], 'HOME': '/root', **MIDDLEWARE},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.splitlines()
+    assert {*kept} >= {f'{name}={value}' for name, value in MIDDLEWARE.items()}
+    assert 'HOME=/root' not in kept
+
+
 @needs_systemd
 def test_systemd_accepts_the_units():
     done = subprocess.run(
