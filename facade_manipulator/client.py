@@ -52,6 +52,18 @@ WORKING = frozenset(
 )
 
 
+#: states on driver/status that are older than a driver with another lifecycle state
+UNCONFIGURED = frozenset({'unconfigured', 'configuring'})
+START_NODES = 'start the nodes in the same namespace and ROS domain as this program'
+CHECK_DRIVER = 'check whether the driver still runs'
+CHECK_GOAL = 'check the distance on compensator/goal_status, or increase the timeout'
+# Fast DDS (its issue 5258) finds nodes of another user, but receives no message from them
+SAME_USER = (
+    'start this program as the user of the nodes, or set '
+    'FASTDDS_BUILTIN_TRANSPORTS=UDPv4 for it and the nodes'
+)
+
+
 class RequestRejectedError(ManipulatorError):
     """A node rejected a request; the message is the node's reason."""
 
@@ -131,8 +143,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         """Home all axes, unless all are homed."""
         if (
             again
-            or 'home'
-            in self.wait_until(self._driver_values, 'driver/status')['next step']
+            or 'home' in self._next_driver_values(self.driver_state())['next step']
         ):
             self._trigger(topics.HOME)
 
@@ -169,7 +180,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         """
         goals = self._publisher(topics.GOAL_POSE)
         # otherwise the stamp would age
-        self.wait_until(goals.get_subscription_count, 'a compensator')
+        self.wait_until(
+            goals.get_subscription_count, 'a compensator', next_step=START_NODES
+        )
         message = pose_stamped(self._frames.facade, ros_time(), pose)
         self.goal, stamp = pose, stamp_text(message.header.stamp)
 
@@ -180,7 +193,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
                 >= self.node.count_subscribers(goals.topic)
             )
 
-        self.wait_until(is_received, 'a compensator to report the goal')
+        self.wait_until(
+            is_received, 'a compensator to report the goal', next_step=SAME_USER
+        )
         return stamp
 
     def go_to(self, *goals: Pose, timeout: float = 60.0) -> None:
@@ -196,9 +211,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             try:
                 self.wait_until(partial(self._is_reached, stamp), 'the goal', timeout)
             except NoAnswerError as error:
-                raise NoAnswerError(
-                    f'{error}: {self._of_goal(stamp).get("message")}'
-                ) from error
+                state = self._of_goal(stamp).get('message')
+                next_step = '' if 'next: ' in str(state) else f'; next: {CHECK_GOAL}'
+                raise NoAnswerError(f'{error}: {state}{next_step}') from error
 
     def solve(self, goal: Pose) -> Carriages:
         """
@@ -213,21 +228,34 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
                 self._of_goal, stamp_text(message.header.stamp), topics.REJECTIONS
             )
             raise RequestRejectedError(
-                self.wait_until(report, 'the reason on ik_service/rejections')[
-                    'message'
-                ]
+                self.wait_until(
+                    report,
+                    'the reason on ik_service/rejections',
+                    next_step='read the reason in the log of the ik_service',
+                )['message']
             )
         point = poses[0].pose.position
         return Carriages(point.x, point.y, point.z)
 
     def wait_until(
-        self, condition: Callback, what: str, timeout: float = ANSWER_TIMEOUT
+        self,
+        condition: Callback,
+        what: str,
+        timeout: float = ANSWER_TIMEOUT,
+        next_step: str = '',
     ) -> Any:
-        """Return the first true value of a condition; raises a NoAnswerError at a timeout [s]."""
+        """
+        Return the first true value of a condition.
+
+        Raises a NoAnswerError at a timeout [s], with the next step of the operator if given.
+        """
         end = time.monotonic() + timeout
         while not (value := condition()):
             if time.monotonic() > end:
-                raise NoAnswerError(f'timed out after {timeout:g} s waiting for {what}')
+                advice = f'; next: {next_step}' if next_step else ''
+                raise NoAnswerError(
+                    f'timed out after {timeout:g} s waiting for {what}{advice}'
+                )
             self._check()
             time.sleep(0.01)  # s, between two checks of the condition
         return value
@@ -244,7 +272,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         `ANSWER_TIMEOUT` while the driver executes no request.
         """
         client, answers = self._client(service), list[Any]()
-        self.wait_until(client.service_is_ready, f'service {service.name}')
+        self.wait_until(
+            client.service_is_ready, f'service {service.name}', next_step=START_NODES
+        )
         end = time.monotonic() + ANSWER_TIMEOUT
         while time.monotonic() < end:
             if is_harmless or not answers:
@@ -258,7 +288,8 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             if self._driver_values().get('state') in WORKING:
                 end = time.monotonic() + ANSWER_TIMEOUT
         raise NoAnswerError(
-            f'timed out after {ANSWER_TIMEOUT:g} s waiting for the answer of {service.name}'
+            f'timed out after {ANSWER_TIMEOUT:g} s waiting for the answer of '
+            f'{service.name}; next: {SAME_USER}'
         )
 
     def _trigger(self, service: topics.Service) -> str:
@@ -272,13 +303,29 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         """Request a transition, unless the driver is already in one of the states `reached`."""
         if self.driver_state() in reached:
             return
-        begin, reports = time.monotonic(), self._received[topics.DRIVER_STATUS]
-        if not self._call(
-            topics.CHANGE_STATE, transition=Transition(label=label)
-        ).success:
-            # the response cannot contain a reason
-            self.wait_until(lambda: reports[-1][0] >= begin, 'driver/status')
-            raise RequestRejectedError(f'{label} rejected: {reports[-1][1]["message"]}')
+        response = self._call(topics.CHANGE_STATE, transition=Transition(label=label))
+        if not response.success:
+            # The response cannot contain a reason, and the driver repeats the reason until the
+            # next request.
+            reason = self._next_driver_values(self.driver_state())['message']
+            raise RequestRejectedError(f'{label} rejected: {reason}')
+
+    def _next_driver_values(self, label: str = '') -> dict[str, str]:
+        """
+        Return the values of the next message on driver/status.
+
+        A message from before the last transition may arrive after its response. It is skipped if
+        it contradicts the label of the lifecycle state.
+        """
+        begin = time.monotonic()
+        reports = self._received[topics.DRIVER_STATUS]
+
+        def present() -> dict[str, str] | None:
+            received, values = reports[-1]
+            is_older = values.get('state') in UNCONFIGURED and label not in UNCONFIGURED
+            return None if received < begin or is_older else values
+
+        return self.wait_until(present, 'driver/status', next_step=CHECK_DRIVER)
 
     def _driver_values(self) -> dict[str, str]:
         """Return the values of driver/status, empty while the driver is silent."""

@@ -27,6 +27,13 @@ from facade_manipulator.nodes.messages import planar_pose, stamp_text
 GOAL = Pose(0.05, 0.25, 0.0)
 
 
+def driver_report(state, message, next_step):
+    """Return a message on driver/status."""
+    return diagnostic_status(
+        '', 'ok', message, {'state': state, 'next step': next_step}
+    )
+
+
 class Machine:
     """Node with the services and topics of a manipulator, which works while a client waits."""
 
@@ -34,6 +41,7 @@ class Machine:
         self.ros, self.label, self.success = ros, 'unconfigured', True
         self.requests, self.goals = [], []  # requests except get_state
         self.act = int  # in each step
+        self.status = None  # of the driver, which repeats it
         node = self.node = ros.node('machine', namespace='gondola_1')
         self.driver_status, self.goal_status, self.rejections = (
             node.create_publisher(*topic)
@@ -41,19 +49,26 @@ class Machine:
         )
         for service in (topics.HOME, topics.HALT, topics.CLEAR_FAULTS):
             node.create_service(*service, partial(self.trigger, service.name))
-        node.create_service(*topics.GET_STATE, self.get_state)
-        node.create_service(*topics.CHANGE_STATE, self.change_state)
+        node.create_service(*topics.GET_STATE, lambda *parts: self.get_state(*parts))
+        node.create_service(
+            *topics.CHANGE_STATE, lambda *parts: self.change_state(*parts)
+        )
 
     def step(self) -> None:
         self.act()
+        if self.status is not None:
+            self.driver_status.publish(self.status)
         self.ros.executor.spin_once(0.0)
 
     def report(self, state: str, message: str = '', next_step: str = '') -> None:
-        self.driver_status.publish(
-            diagnostic_status(
-                '', 'ok', message, {'state': state, 'next step': next_step}
-            )
-        )
+        """Publish a status of the driver, and again in each step."""
+        self.report_once(state, message, next_step)
+        self.status = driver_report(state, message, next_step)
+
+    def report_once(self, state: str, message: str = '', next_step: str = '') -> None:
+        """Publish a status of a driver that is then silent."""
+        self.status = None
+        self.driver_status.publish(driver_report(state, message, next_step))
 
     def get_state(self, _: object, response):
         response.current_state = State(label=self.label)
@@ -161,6 +176,59 @@ def test_request_for_reached_state_is_not_sent(client, machine):
     assert machine.requests == ['driver/home']
 
 
+OLDER = [  # state, message and next step on driver/status before a request
+    ('unconfigured', '', 'configure'),
+    ('configuring', '', ''),
+    ('inactive', 'inactive; an older failure', 'activate'),
+]
+
+
+@pytest.mark.parametrize('older', OLDER)
+@pytest.mark.parametrize('is_homed', [False, True])
+def test_home_decides_on_status_after_the_request(client, machine, older, is_homed):
+    next_step = 'activate' if is_homed else 'home, activate'
+    machine.report(*older)
+    client.wait_until(client._driver_values, 'driver/status')
+
+    def get_state(_, response):
+        machine.report('inactive', next_step=next_step)
+        response.current_state = State(label='inactive')
+        return response
+
+    machine.get_state = get_state
+    client.home()
+    assert machine.requests == ([] if is_homed else ['driver/home'])
+
+
+@pytest.mark.parametrize('older', OLDER[:2])
+def test_home_skips_a_late_status_of_another_state(client, machine, older):
+    """Messages of a topic may arrive after a later response."""
+    machine.label = 'inactive'
+    late = iter([older] * 3)
+
+    def act():
+        machine.report(*next(late, ('inactive', '', 'home, activate')))
+
+    machine.act = act
+    client.home()
+    assert machine.requests == ['driver/home']
+
+
+@pytest.mark.parametrize('older', OLDER)
+def test_failed_transition_raises_the_reason_after_the_answer(client, machine, older):
+    machine.report(*older)
+    client.wait_until(client._driver_values, 'driver/status')
+
+    def change_state(_, response):
+        machine.act = lambda: machine.report('stopped', 'q2 is silent')
+        response.success = False
+        return response
+
+    machine.change_state = change_state
+    with pytest.raises(RequestRejectedError, match='activate rejected: q2 is silent'):
+        client.activate()
+
+
 def test_lost_request_is_repeated_only_if_harmless(client, machine, monkeypatch):
     """Fast DDS may lose a request to a node that has just started."""
     lost, asked = [Future(), Future()], []
@@ -192,7 +260,7 @@ def test_request_to_idle_or_silent_driver_times_out(
     client, machine, monkeypatch, unanswered, state
 ):
     monkeypatch.setattr(client_module, 'SILENCE', 0.2)
-    machine.report(state)
+    machine.report_once(state)
     unanswered(topics.HALT)
     with pytest.raises(
         NoAnswerError, match='timed out after 0.3 s waiting for .* driver/halt'
@@ -236,7 +304,7 @@ def test_reached_goal_ends_go_to(client, machine):
 def test_goal_that_is_not_reached_raises_its_reason(
     client, machine, monkeypatch, state, values, error, message
 ):
-    monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.5,))
+    monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.5, ''))
     machine.answer_goals(state, values)
     with pytest.raises(error, match=message):
         client.go_to(GOAL, timeout=0.3)
@@ -251,7 +319,7 @@ def test_goal_is_sent_to_a_compensator_discovered_late(ros, client, machine):
 
 
 def test_goal_is_stamped_when_a_compensator_subscribes(client, machine, monkeypatch):
-    monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.1,))
+    monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.1, ''))
     with pytest.raises(NoAnswerError, match='waiting for a compensator'):
         client.send_goal(GOAL)
     assert client.goal is None and not machine.goals
