@@ -76,6 +76,8 @@ LEAST_BOUND, BOUND_SHARE = (
     0.1,
 )  # N; share of the desired force: bounds of a held force
 
+MEASURING_ZERO = 'the zero of contact_wrench is being measured away from the wall'
+
 # Lateral regulator
 LATERAL_GAIN = 1.5  # 1/s, integral gain: the measurement is late
 LATERAL_SPEED, LATERAL_RANGE = 0.05, 0.1  # m/s, m, maximum speed and range of the shift
@@ -367,7 +369,13 @@ class Pressing:
     @property
     def outcome(self) -> str:
         """Return the phase of pressing on the wall, with the reason if the head does not press."""
-        return f'{self.mode.value}: {self.reason}' if self.reason else self.mode.value
+        reason = self.reason or self._range_fault()
+        return f'{self.mode.value}: {reason}' if reason else self.mode.value
+
+    @property
+    def is_hindered(self) -> bool:
+        """Return whether the force is not reached without a change by the operator."""
+        return self.reason not in ('', MEASURING_ZERO) or bool(self._range_fault())
 
     @property
     def bound(self) -> float:
@@ -454,7 +462,7 @@ class Pressing:
     def _zero_fault(self, now: float) -> str:
         """Return why the zero of the sensor cannot be used; empty if it can."""
         if now < self._free_from + ZERO_WAIT:
-            return 'the zero of contact_wrench is being measured away from the wall'
+            return MEASURING_ZERO
         return (
             ''
             if abs(self.zero) <= MOST_ZERO
@@ -463,6 +471,23 @@ class Pressing:
                 'next: tare the sensor'
             )
         )
+
+    def _range_fault(self) -> str:
+        """Return why the range of the offset does not suffice; empty while it does."""
+        limit = f'{1e3 * self.settings.range:g} mm (contact.range) beyond the goal'
+        if self._offset < self.settings.range or self.is_held:
+            return ''
+        if self.mode is PressMode.SEARCHING:
+            return (
+                f'no wall within {limit}, so that the place of the wall is unknown; '
+                'next: send a goal on the wall'
+            )
+        if self.mode in IN_CONTACT:
+            return (
+                f'the force needs an offset above {limit}; '
+                'next: send a goal nearer to the wall'
+            )
+        return ''
 
     def _follow_touch(self, interval: float) -> None:
         """Raise the force after a touch; approach the wall again after a loss of touch."""

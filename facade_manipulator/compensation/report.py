@@ -85,10 +85,13 @@ def contact_components(compensator: Compensator) -> list[Component]:
     contact, pressing = compensator.contact, compensator.contact.pressing
     if not (contact.lateral.enabled or pressing.settings.enabled):
         return []
+    level = 'ok'
+    if pressing.is_hindered:
+        level = 'error' if pressing.reason else 'warn'
     return [
         (
             'contact',
-            'error' if pressing.reason else 'ok',
+            level,
             pressing.outcome,
             {
                 **pressing_values(pressing),
@@ -196,7 +199,7 @@ class GoalReport:
             now,
             compensator.goal_error(now),
             path_time,
-            bool(reason or pressing.reason),
+            bool(reason) or pressing.is_hindered,
             pressing.is_held,
         )
         if not pressing.is_held:

@@ -104,6 +104,33 @@ def test_approach_is_slow_and_ends_at_the_range():
     assert np.diff(run.offsets).max() <= 0.004 * PERIOD + 1e-12
 
 
+@pytest.mark.parametrize(
+    'wall, stiffness, mode, reason',
+    [
+        (1.0, 600.0, PressMode.SEARCHING, 'no wall within 80 mm (contact.range)'),
+        (0.07, 600.0, PressMode.HOLDING, 'the force needs an offset above 80 mm'),
+        (0.0, 600.0, PressMode.HOLDING, ''),
+        (-0.04, 600.0, PressMode.HOLDING, ''),
+    ],
+)
+def test_force_out_of_range_is_a_hindrance(wall, stiffness, mode, reason):
+    pressing = press(stiffness, 60.0, wall=lambda time: wall).pressing
+    assert pressing.mode is mode and pressing.is_held is not bool(reason)
+    assert pressing.is_hindered is bool(reason)
+    assert pressing.outcome.startswith(
+        f'{mode.value}: {reason}' if reason else mode.value
+    )
+
+
+def test_normal_approach_to_the_wall_has_no_hindrance():
+    pressing, hindered = Pressing(SETTINGS), []
+    for k in range(200):
+        press(600.0, 0.1, pressing=pressing, start=0.1 * k)
+        hindered.append(pressing.outcome if pressing.is_hindered else '')
+    assert pressing.mode is PressMode.HOLDING
+    assert {*hindered[2:]} == {''}  # after the first reading of the sensor
+
+
 def test_force_rises_smoothly_over_the_ramp_time():
     desired = press(600.0).desired
     ramp = desired[(desired > 0.0) & (desired < SETTINGS.force)]

@@ -7,7 +7,11 @@ from compensation.compensated_head import CompensatedHead
 import pytest
 
 from facade_manipulator.compensation.compensator import Compensator, CorrectedPose
-from facade_manipulator.compensation.contact import ContactSettings
+from facade_manipulator.compensation.contact import (
+    ContactSettings,
+    MEASURING_ZERO,
+    PressMode,
+)
 from facade_manipulator.compensation.correction import (
     CorrectionMode,
     CorrectionSettings,
@@ -100,8 +104,12 @@ def test_contact_values_have_the_unit_of_their_key(compensator):
         'moment on the wall [N m]': 0.3,
     }
     assert level == 'ok' and values | expected == values
-    pressing.reason = 'no wall'
-    assert contact_components(compensator)[0][1:3] == ('error', pressing.outcome)
+    for reason, expected_level in ((MEASURING_ZERO, 'ok'), ('a fault', 'error')):
+        pressing.reason = reason
+        assert contact_components(compensator)[0][1:3] == (
+            expected_level,
+            pressing.outcome,
+        )
 
 
 class Machine:
@@ -210,6 +218,28 @@ def test_held_back_head_is_reported_with_the_axis(machine):
     before = len(machine.sent)
     machine.report.update(now + GOAL_PERIOD)
     assert len(machine.sent) == before + 1
+
+
+def test_wall_beyond_the_range_is_reported_as_held_back(machine):
+    machine.follow(GOAL, '1.0')
+    machine.run(LONG)
+    pressing = machine.head.compensator.contact.pressing
+    pressing.settings = ContactSettings(enabled=True, range=0.01)
+    stamp = machine.head.now
+
+    def measure():
+        nonlocal stamp
+        stamp += STEP
+        pressing.add_measurement(stamp, math.sin(1e3 * stamp), 0.0, is_repeated=False)
+
+    for _ in range(round(25.0 / STEP)):
+        measure()
+        machine.run(STEP)
+    assert pressing.mode is PressMode.SEARCHING
+    last = machine.sent[-1]
+    assert last['state'] == 'held back'
+    assert 'no wall within 10 mm' in last['reason'] and 'next: ' in last['reason']
+    assert contact_components(machine.head.compensator)[0][1] == 'warn'
 
 
 @pytest.mark.parametrize(
