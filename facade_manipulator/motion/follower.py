@@ -304,12 +304,15 @@ class SetpointFollower:
 
     def _target(self, time: float) -> tuple[Vector, Vector] | None:
         """Return position [m] and velocity [m/s] of the stream at a time; None while silent."""
-        before, after = self._stream.around(time)
+        stream = (
+            self._stream.snapshot()
+        )  # `add` may change the stream between two reads
+        before, after = stream.around(time)
         if before is not None and after is not None:
             return interpolate(before[1], after[1], time)
         if before is None or time - before[0] > self.settings.stale_after:
             return None
-        return extrapolate([setpoint for _, setpoint in self._stream.newest(2)], time)
+        return extrapolate([setpoint for _, setpoint in stream.newest(2)], time)
 
     def _follow(
         self, before: CarriageMotion, position: Vector, velocity: Vector

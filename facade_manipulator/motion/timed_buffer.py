@@ -32,6 +32,12 @@ class TimedBuffer(Generic[Value]):
         begin = bisect_left(items, time - KEPT_TIME, key=_time)
         self._items = (*items[begin:end], (time, value))
 
+    def snapshot(self) -> TimedBuffer[Value]:
+        """Return a buffer with the present values for several reads that belong together."""
+        copy: TimedBuffer[Value] = TimedBuffer()
+        copy._items = self._items
+        return copy
+
     def newest(self, count: int = 1) -> tuple[tuple[float, Value], ...]:
         """Return the newest items (time, value), at most as many as exist."""
         return self._items[-count:]
