@@ -17,7 +17,7 @@ LARGEST_ERROR, LARGEST_YAW_ERROR = (
 )  # m, rad: maximum error of a following head
 PATIENCE = 0.5  # s of not following, after which the path begins again at the head
 ARM = 0.35  # m, weight of yaw against displacement
-LEAST_SPEED = 0.02  # m/s for one second; with less motion, noise hides the lag
+LEAST_SPEED = 0.02  # m/s for one second; with less motion, noise hides part of the lag
 LAG_MEMORY = (
     10.0  # s, time constant with which the lag is measured: drives change it slowly
 )
@@ -91,9 +91,9 @@ class Following:
         self._power = fade * self._power + interval * (
             velocity.x**2 + velocity.y**2 + velocity.theta * turn
         )
-        self.lag = 0.0
-        if self._power >= LEAST_SPEED**2:
-            self.lag = min(max(self._delay / self._power, -GREATEST_LAG), GREATEST_LAG)
+        # with little motion the lag shrinks, so that it begins without a jump
+        lag = self._delay / max(self._power, LEAST_SPEED**2)
+        self.lag = min(max(lag, -GREATEST_LAG), GREATEST_LAG)
 
 
 def _motion(poses: TimedBuffer[Pose], stamp: float) -> MotionState | None:

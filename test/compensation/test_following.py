@@ -54,6 +54,22 @@ def test_lag_of_the_head_is_measured_within_a_bound(lag, measured):
     assert not following.is_off_path(now)
 
 
+@pytest.mark.parametrize('lag', [-0.01, 0.03])
+def test_lag_of_a_head_that_starts_has_no_jump(lag):
+    following, lags = Following(), []
+    following.begin(1000.0)
+
+    def path(time):
+        return Pose(0.01 * max(time - 1001.0, 0.0) ** 2, 0.25, 0.0)
+
+    for now in np.arange(1000.0, 1006.0, PERIOD):
+        following.publish(now + 0.06, path(now + 0.06))
+        following.add_head(now, path(now - lag))
+        lags.append(following.lag)
+    assert lags[-1] == pytest.approx(lag, rel=0.05)
+    assert np.abs(np.diff(lags)).max() < 0.05 * abs(lag)
+
+
 @pytest.mark.parametrize('duration', [PERIOD, 3.0])
 def test_head_at_rest_on_the_path_has_no_lag(duration):
     following, _ = run(
