@@ -220,7 +220,10 @@ class Compensator:
             self._reference.retarget(reach_time, self.goal)
         self._planned_goal = self.goal
         reference = self._reference.at(reach_time).position
-        shifted = self._shift(now, time, reference, disturbance, self.goal)
+        interval = 0.0
+        if self.newest is not None:
+            interval = min(max(time - self.newest.time, 0.0), LONGEST_INTERVAL)
+        shifted = self._shift(now, reach_time, interval, reference, disturbance)
         pose, error = self._workspace.saturate(
             relative(disturbance, shifted), math.tan(disturbance.theta)
         )
@@ -234,13 +237,19 @@ class Compensator:
         return self.newest
 
     def _shift(
-        self, now: float, time: float, reference: Pose, disturbance: Pose, goal: Pose
+        self,
+        now: float,
+        reach_time: float,
+        interval: float,
+        reference: Pose,
+        disturbance: Pose,
     ) -> Pose:
         """Return the reference [m, m, rad] with the shift of the contact."""
-        interval, saturation_error = 0.0, ZERO_POSE
+        saturation_error, beyond = ZERO_POSE, 0.0
         if self.newest is not None:
-            interval = min(max(time - self.newest.time, 0.0), LONGEST_INTERVAL)
             saturation_error = self.newest.saturation_error
+        if self.goal is not None:
+            beyond = reference.y - self.goal.y
         mode, silence = self.correction.mode, ''
         if mode in (CorrectionMode.SILENT, CorrectionMode.SETTLING):
             silence = mode.value
@@ -248,12 +257,10 @@ class Compensator:
             silence = 'the estimate of y or theta is too uncertain'
         return self.contact.shift(
             now,
-            time,
+            reach_time,
             interval,
             reference,
-            Surroundings(
-                saturation_error, disturbance.y, silence, reference.y - goal.y
-            ),
+            Surroundings(saturation_error, disturbance.y, silence, beyond),
         )
 
     def _initialise(

@@ -615,7 +615,8 @@ class Contact:
         """
         Return the reference with the shift of the contact [m, m, rad].
 
-        The reference is that of a time [s], an interval [s] after the previous time.
+        The reference is that of the time at which the head reaches it [s], an interval [s] after
+        the previous time.
         """
         stamp, offset = self._lateral_offset
         if self.lateral.enabled and -FUTURE_TOLERANCE <= now - stamp <= OLDEST_OFFSET:

@@ -184,6 +184,19 @@ def test_lost_estimate_retracts_the_head_with_its_reason(variances, reason):
     assert (pressing.mode, pressing.last_reason) == (PressMode.RETRACTED, reason)
 
 
+@pytest.mark.parametrize('lag', [0.0, 0.03])
+def test_contact_has_the_instant_at_which_the_head_arrives(lag):
+    """A force measured at a stamp belongs to the offset that the head has then."""
+    run = CompensatedHead(
+        goal=Pose(0.0, 0.25, 0.0), contact=ContactSettings(enabled=True)
+    )
+    run.compensator.following.lag = lag
+    run.run(0.5)
+    law, moved = run.compensator.contact.pressing.y, run.compensator.contact.present.y
+    assert law._offset_at(run.last.reach_time) == moved
+    assert law._offsets.newest()[0][0] == run.last.reach_time
+
+
 def test_contact_settings_change_without_a_jump():
     run = CompensatedHead(goal=GOAL).run(1.0)
     run.compensator.change('contact', ContactSettings(enabled=True))
