@@ -283,7 +283,7 @@ class DriverNode(ManagedNode):
         if fault := self._inputs.fault_of(topics.DRIVER_STATUS.name):
             raise DriveStateError(
                 f'{name} rejected: {fault}, and both drivers would follow the setpoints; next: '
-                f'end one of the two, then {name}'
+                f'end one of the two, or wait 20 s if one has crashed, then {name}'
             )
         if name == 'configure' and self._loop.snapshot().state is ControllerState.LOST:
             return self._worker.submit(self._restart)

@@ -14,7 +14,10 @@ from dataclasses import dataclass
 from facade_manipulator.errors import DriveStateError
 
 SEND_FALSE = 'publish false on {} ten times a second'
-ONE_EACH = 'let one node publish {} with reliable quality of service'
+ONE_EACH = (
+    'let one node publish {} with reliable quality of service, or wait 20 s if a node '
+    'has crashed'
+)
 
 
 @dataclass
