@@ -27,6 +27,8 @@ from __future__ import annotations
 
 import errno
 
+NEXT = '; next: '  # precedes the next step of the operator in a message
+
 # reason and next step of the failures of a user's file
 _FILE_FAILURES = {
     errno.ENOENT: ('it does not exist', 'check the path'),
@@ -38,6 +40,20 @@ _FILE_FAILURES = {
     errno.EROFS: ('its file system is read-only', 'name another folder'),
     errno.ENOSPC: ('its file system is full', 'free some space'),
 }
+
+
+def joined(*messages: str) -> str:
+    """Return messages as one message, with their next steps in the same order at the end."""
+    texts: list[str] = []
+    steps: list[str] = []
+    for message in messages:
+        text, _, step = message.partition(NEXT)
+        if text:
+            texts.append(text)
+        if step and step not in steps:
+            steps.append(step)
+    problem = '; '.join(texts)
+    return f'{problem}{NEXT}{", then ".join(steps)}' if steps else problem
 
 
 class ManipulatorError(Exception):

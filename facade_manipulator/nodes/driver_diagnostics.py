@@ -15,6 +15,7 @@ from facade_manipulator.drives.snapshot import (
     Remedy,
 )
 from facade_manipulator.drives.states import State
+from facade_manipulator.errors import joined, NEXT
 from facade_manipulator.motion.follower import StreamStatus
 from facade_manipulator.nodes.diagnostics import diagnostic_status
 
@@ -60,18 +61,24 @@ def group_outcome(
     Return level and message: the state, the most severe problem, and the next step.
 
     The problem is the cause of a stop, a fault of the graph, the reason that forbids power, or
-    the last rejected request and an overload.
+    the last rejected request and an overload. The next step is that of the state. The remedy of a
+    fault, which blocks the state's next step, stands before it, and that of an overload after it.
     """
-    warning = '; '.join(filter(None, [last_failure, overload(snapshot)]))
-    level = 'warn' if warning or forbidden or snapshot.state in WARNINGS else 'ok'
+    slow = overload(snapshot)
+    level = 'ok'
+    if last_failure or slow or forbidden or snapshot.state in WARNINGS:
+        level = 'warn'
     if fault or snapshot.state in ERRORS:
         level = 'error'
+
     doing = snapshot.state.value
-    following = f'; next: {snapshot.next_step}' if snapshot.next_step else ''
+    following = f'{NEXT}{snapshot.next_step}' if snapshot.next_step else ''
     if reason := snapshot.cause or ('' if fault else forbidden):
         return level, f'{doing}: {reason}{following}'
-    problem = fault or warning  # has a next step of its own
-    return level, f'{doing}; {problem}' if problem else f'{doing}{following}'
+    if fault:
+        return level, joined(doing, fault, following)
+    failure, _, _ = last_failure.partition(NEXT)  # its next step may be done
+    return level, joined(doing + following, failure, slow)
 
 
 def overload(snapshot: ControllerSnapshot) -> str:
@@ -109,9 +116,8 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
         late,
         NO_PRIORITY if wants_priority else '',
         (
-            f'the CAN controller is {bus.condition}, with {bus.overflows} overflows: '
-            'check wiring, '
-            'termination and bit rate'
+            f'the CAN controller is {bus.condition}, with {bus.overflows} overflows'
+            f'{NEXT}check wiring, termination and bit rate'
         )
         if is_disturbed
         else '',
@@ -119,7 +125,7 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
     return diagnostic_status(
         'bus',
         'warn' if any(warnings) else 'ok',
-        '; '.join(filter(None, ['open' if is_open else 'closed', *warnings])),
+        joined('open' if is_open else 'closed', *warnings),
         values,
     )
 
