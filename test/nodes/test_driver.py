@@ -280,5 +280,5 @@ def test_second_driver_in_a_namespace_gets_no_power(ros):
             second.tested.transitions[request]()
         assert str(rejection.value) == (
             f'{request} rejected: {reason}, and both drivers would follow the setpoints; next: '
-            f'end one of the two, then {request}'
+            f'end one of the two, or wait 20 s if one has crashed, then {request}'
         )

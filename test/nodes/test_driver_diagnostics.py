@@ -106,10 +106,15 @@ SET, STOPPED = 'software_stop was set', (Cause('q2 is late'),)
             (),
             ('home failed; next: home', '', ''),
             'warn',
-            'inactive; home failed; next: home',
+            'inactive; home failed; next: activate',
         ),
         ((), ('home failed', '', SET), 'warn', f'inactive: {SET}; next: activate'),
-        ((), ('home failed', 'two drivers', SET), 'error', 'inactive; two drivers'),
+        (
+            (),
+            ('home failed', 'two drivers; next: end one', SET),
+            'error',
+            'inactive; two drivers; next: end one, then activate',
+        ),
         (
             STOPPED,
             ('home failed', 'two drivers', SET),
@@ -123,6 +128,22 @@ def test_driver_message_has_the_most_severe_problem(causes, problems, level, mes
         ControllerState.INACTIVE, 1.0, (), causes, next_step='activate'
     )
     assert group_outcome(snapshot, *problems) == (level, message)
+
+
+CLEANUP = 'cleanup rejected: the node is active; next: deactivate'
+
+
+@pytest.mark.parametrize('state', ControllerState)
+@pytest.mark.parametrize('failure', ['', 'home failed; next: home', CLEANUP])
+@pytest.mark.parametrize('share', [0.0, 0.02])
+def test_warning_leaves_the_next_step_of_each_state(state, failure, share):
+    snapshot = ControllerSnapshot(state, 1.0, (), (), 'do this', **late(share, 50))
+    level, message = group_outcome(snapshot, failure, '', '')
+    text, _, steps = message.partition('; next: ')
+    assert text.startswith(state.value) and steps.startswith('do this')
+    assert failure.partition(';')[0] in text and 'next: ' not in steps
+    assert (SLOW in steps) == ('late' in text) == bool(share)
+    assert level != 'ok' or not (failure or share)
 
 
 @pytest.mark.parametrize(

@@ -29,3 +29,14 @@ def test_each_supervisor_forbids_power_until_its_fresh_false():
         100.0
     )  # only clear_faults is missing
     assert stop.clear(100.0) == {FIRST, SECOND}
+
+
+def test_second_publisher_is_named_with_the_wait_after_a_crash():
+    """The publisher of a killed supervisor stays in the graph for 20 s."""
+    stop = SoftwareStop((FIRST,), 0.5, lambda name: f'{name} has 2 publishers')
+    stop.receive(FIRST, False, 100.0)
+    with pytest.raises(
+        DriveStateError, match='or wait 20 s if a node has crashed, then'
+    ):
+        stop.clear(100.0)
+    assert 'or wait 20 s if a node has crashed' in stop.next_step(100.0)
