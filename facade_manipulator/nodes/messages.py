@@ -19,7 +19,8 @@ from facade_manipulator.kinematics import Carriages, Pose, Wrench
 BILLION = 10**9  # ns of a second
 PLANE_TOLERANCE = 1e-6  # m
 TILT_TOLERANCE = 1e-3  # rad
-NORM_TOLERANCE = 1e-3  # quaternions are often sent rounded
+# of the squared norm of a quaternion, for two digits of each part; tf2 has 0.01
+SQUARE_TOLERANCE = 0.02
 CARRIAGES = Carriages._fields
 POSE_NUMBERS = (
     'x',
@@ -127,10 +128,10 @@ def projected(message: Any, name: str) -> tuple[Pose, OutOfPlane]:
     )
     require_finite(POSE_NUMBERS, numbers, name)
     norm = math.hypot(qx, qy, qz, qw)
-    if abs(norm - 1.0) > NORM_TOLERANCE:
+    if abs(norm * norm - 1.0) > SQUARE_TOLERANCE:
         raise InputError(
             'quaternion',
-            f'{name} orientation has norm {norm:.6g}, expected 1 ± {NORM_TOLERANCE:g}',
+            f'{name} orientation has norm {norm:.6g}, expected 1 ± {0.5 * SQUARE_TOLERANCE:g}',
         )
     tilt = 2.0 * math.atan2(math.hypot(qx, qy), math.hypot(qz, qw))
     yaw = math.atan2(2.0 * qz * qw, (qw - qz) * (qw + qz))

@@ -34,6 +34,16 @@ def test_pose_survives_conversion_to_a_message_and_back(x, y, theta, sign):
     assert math.remainder(back.theta - theta, math.tau) == pytest.approx(0.0, abs=1e-14)
 
 
+@given(angles, st.integers(2, 6))
+def test_rounded_quaternion_is_accepted_with_its_yaw(theta, digits):
+    message = pose_stamped('rail', 12.5, Pose(0.0, 0.0, theta)).pose
+    q = message.orientation
+    q.z, q.w = round(q.z, digits), round(q.w, digits)
+    yaw = messages.planar_pose(message, 'goal').theta
+    error = math.remainder(yaw - theta, math.tau)
+    assert abs(error) < 2.0 * math.sqrt(0.5) * 10.0**-digits
+
+
 @given(st.integers(0, 2**31 - 1), st.integers(0, 10**9 - 1))
 def test_stamp_survives_conversion_to_seconds_and_to_text(sec, nanosec):
     assert messages.seconds(stamp(sec + nanosec * 1e-9)) == pytest.approx(
