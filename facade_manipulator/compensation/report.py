@@ -22,6 +22,7 @@ from facade_manipulator.compensation.following import (
     ArrivalWatch,
     GoalProgress,
     GoalState,
+    PATIENCE,
 )
 from facade_manipulator.kinematics.planar import millimetres, POSE_AXES
 
@@ -65,7 +66,7 @@ def correction_component(
     }
     if any(left_out):
         values['left out of the estimate'] = (
-            f'z {1e3 * left_out[0]:+.1f} mm, tilt {math.degrees(left_out[1]):.2f} deg'
+            f'z {1e3 * left_out[0]:+z.1f} mm, tilt {math.degrees(left_out[1]):.2f} deg'
         )
     if newest is not None:
         values['corrected disturbance'] = millimetres(newest.disturbance)
@@ -113,6 +114,16 @@ def pressing_values(pressing: Pressing) -> dict[str, Any]:
         'desired force [N]': pressing.settings.force,
         'bound of the force error [N]': pressing.bound,
     }
+
+
+def late_reason(compensator: Compensator, now: float) -> str:
+    """Return why a head whose path has ended is not at its goal, ``''`` if it is unknown."""
+    if compensator.following.newest(now) is None:
+        return (
+            f'end_effector_pose is silent for more than {PATIENCE:g} s; next: check '
+            'the ik_service and the publishers of joint_states'
+        )
+    return uncorrected_reason(compensator.correction, now)
 
 
 def uncorrected_reason(correction: Correction, now: float) -> str:
@@ -204,16 +215,14 @@ class GoalReport:
         )
         if not pressing.is_held:
             reason = '; '.join(filter(None, (reason, pressing.outcome)))
-        is_late = path_time < -ARRIVAL_TIME and (
-            progress.distance >= 0.0 or compensator.correction.is_silent(now)
-        )  # NaN: unknown
+        is_late = path_time < -ARRIVAL_TIME
         is_near = (
             progress.time_to_go < self.watch.settings.dwell
         )  # the dwell time has begun
         if (
             is_late
             and not (reason or is_near)
-            and (reason := uncorrected_reason(compensator.correction, now))
+            and (reason := late_reason(compensator, now))
         ):
             progress = progress._replace(state=GoalState.HELD_BACK)
             if self._published[0] is not GoalState.HELD_BACK:

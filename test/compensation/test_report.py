@@ -242,6 +242,19 @@ def test_wall_beyond_the_range_is_reported_as_held_back(machine):
     assert contact_components(machine.head.compensator)[0][1] == 'warn'
 
 
+def test_goal_of_an_unmeasured_head_is_held_back(machine):
+    """With two publishers of joint_states the ik_service publishes no pose of the head."""
+    machine.follow(GOAL, '1.0')
+    machine.run(0.2)
+    machine.head.compensator.following.add_head = lambda *_: None
+    sent = machine.run(6.0)
+    assert states(sent) == ['moving', 'held back']
+    assert sent[-1]['reason'] == (
+        'end_effector_pose is silent for more than 0.5 s; next: check the ik_service and '
+        'the publishers of joint_states'
+    )
+
+
 @pytest.mark.parametrize(
     'motion, is_enabled, reason',
     [
