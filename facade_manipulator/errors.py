@@ -79,10 +79,10 @@ class InputError(ManipulatorError):
     @staticmethod
     def out_of_order(quantity: str, lateness: float) -> InputError:
         """Return the rejection of a message by its age relative to its predecessor [s]."""
-        return InputError(
-            'out_of_order',
-            f'{quantity} is {lateness:.3f} s older than the previous message',
-        )
+        relation = f'is {lateness:.3f} s older than'
+        if lateness < 0.0005:  # 0.000 s would explain nothing
+            relation = 'has the stamp of, or is less than 1 ms older than,'
+        return InputError('out_of_order', f'{quantity} {relation} the previous message')
 
 
 def require_recent(

@@ -91,6 +91,6 @@ ZERO_STATE = MotionState(ZERO_POSE, ZERO_TWIST)
 def millimetres(pose: Pose) -> str:
     """Return a pose as text for an operator [mm, mm, deg]."""
     return (
-        f'x {1e3 * pose.x:+.1f} mm, y {1e3 * pose.y:+.1f} mm, '
-        f'theta {math.degrees(pose.theta):+.2f} deg'
+        f'x {1e3 * pose.x:+z.1f} mm, y {1e3 * pose.y:+z.1f} mm, '
+        f'theta {math.degrees(pose.theta):+z.2f} deg'
     )

@@ -12,6 +12,7 @@ from facade_manipulator.kinematics.planar import (
     compose,
     difference,
     invert,
+    millimetres,
     relative,
     subtract,
     wrap_angle,
@@ -60,4 +61,10 @@ def test_pose_difference_takes_the_shorter_turn(a, b):
     assert abs(change.theta) <= math.pi
     assert math.cos(b.theta + change.theta) == pytest.approx(
         math.cos(a.theta), abs=1e-12
+    )
+
+
+def test_pose_as_text_has_no_negative_zero():
+    assert millimetres(Pose(-1e-9, -4e-5, -1e-6)) == (
+        'x +0.0 mm, y +0.0 mm, theta +0.00 deg'
     )
