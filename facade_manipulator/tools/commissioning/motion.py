@@ -114,6 +114,12 @@ class Motion:
         )
         self.is_stopping = False  #: whether a stop is part of the test
 
+    @property
+    def sync_time(self) -> float:
+        """Return the time of the SYNC whose positions `turn` has returned [s]."""
+        assert self.controller.exchange is not None  # the bus is open with power on
+        return self.controller.exchange.clock.sync_time
+
     def request(self, *names: str) -> str:
         """Send a request to the controller; return its message, or raise its error."""
         for name in names:

@@ -1,5 +1,8 @@
 """
-Command `stop-test`: measure the stopping distance of each carriage for each kind of stop.
+Command `stop-test`: measure the stop of each carriage for each kind of stop.
+
+The command compares the stopping distance, and the deceleration of a quick stop, with the stopping
+analysis. A distance alone would hide a weak brake behind a short delay (`braking_curve`).
 
 The stops are a quick stop, a silent master (1016h, 6007h), and a loss of power, as after STO. All
 three carriages move together, so that a gap changes only by the difference of their distances.
@@ -7,7 +10,10 @@ three carriages move together, so that a gap changes only by the difference of t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+import math
 from threading import Event
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +21,10 @@ from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.snapshot import AxisSnapshot
 from facade_manipulator.drives.states import AxisCommand, Controlword, Mode, State
 from facade_manipulator.errors import CommissioningError
+from facade_manipulator.tools.commissioning.braking_curve import (
+    Deceleration,
+    fit_deceleration,
+)
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.motion import ACCELERATION, Motion, powered
 from facade_manipulator.tools.stopping import COASTING, SCATTER
@@ -30,67 +40,126 @@ _STEADY = 5  # cycles at the speed before the stop
 _CYCLES = 3  # cycles from a command to the SYNC after its first effective SYNC
 _HEARTBEATS = 1.2  # of the heartbeat time: each drive counts 1016h in its own ticks
 _SLACK = 5e-4  # m, tolerance of positions read at rest
+_LEAST_SHARE = 0.8  # of stop_deceleration, which a quick stop must have for certain
+_LEAST_COASTING = 0.01  # m/s², with two decimals: `stopping` rejects 0.00
 _STANDING, _STANDSTILL = 10, 5e-5  # cycles, and maximum travel in them [m]
 _LONGEST = 5.0  # s
 _MM = 1e3
 
 
+class Track(NamedTuple):
+    """Positions of the three carriages during a stop; the first `_STEADY` are at the speed."""
+
+    times: np.ndarray  #: of the SYNCs, shape (n,) [s]
+    positions: np.ndarray  #: shape (n, 3) [m]
+    follows: list[bool]  #: which drives would still follow targets after the stop
+
+    @property
+    def distances(self) -> np.ndarray:
+        """Return the farthest distances from the begin of the stop, shape (3,) [m]."""
+        return np.abs(self.positions - self.positions[_STEADY - 1]).max(axis=0)
+
+    @property
+    def speeds(self) -> np.ndarray:
+        """Return the speeds before the stop, shape (3,) [m/s]."""
+        steady = self.times[_STEADY - 1] - self.times[0]
+        return np.abs(self.positions[_STEADY - 1] - self.positions[0]) / steady
+
+
 def run_stop_test(context: Context) -> None:
-    """Measure each kind of stop; fail if a distance exceeds the stopping analysis."""
+    """Measure each kind of stop; fail if it is weaker than the stopping analysis assumes."""
     speed = context.options.speed
     # acceleration, deceleration with or without power, and a steady time
     window = speed * (speed / ACCELERATION + speed / COASTING + 0.1)
     problems = []
+    coasting = math.inf
     for direction, way in zip((1, -1, 1), REMEDIES, strict=True):
         with powered(
             context, f'forth and back and stopped by {way}', window, speed
         ) as motion:
-            track, does_follow = _stopped(motion, direction * speed, way)
+            track = _stopped(motion, direction * speed, way)
             bounds = _bounds(motion, track, way)
-        distances = np.abs(track[-1] - track[_STEADY - 1])
-        for name, *one in zip(AXIS_NAMES, distances, bounds, does_follow, strict=True):
-            distance, bound, follows = one
-            print(f'{name}: {way}, {_MM * distance:.1f} of {_MM * bound:.1f} mm')
-            if distance > bound or (follows and way == SILENT_MASTER):
+        lag = motion.controller.settings.drive_lag
+        for number, axis in enumerate(motion.controller.axes):
+            name, distance = AXIS_NAMES[number], track.distances[number]
+            shown = (
+                f'{name}: {way}, {_MM * distance:.1f} of {_MM * bounds[number]:.1f} mm'
+            )
+            is_late = distance > bounds[number]
+            if is_late or (track.follows[number] and way == SILENT_MASTER):
                 problems.append(
                     f'{name}: {way} does not stop it in time; next: {REMEDIES[way]}'
                 )
-    coasting = deceleration(
-        track[_STEADY:], motion.period
-    ).min()  # the last stop is without power
-    print(
-        f'next: stopping {" ".join(map(str, context.files))} --coasting {coasting:.2f}'
-    )
+            if (
+                way == SILENT_MASTER
+            ):  # without SYNC there are no positions of the braking
+                print(shown)
+                continue
+            measured = fit_deceleration(
+                track.times, track.positions[:, number], _STEADY, lag
+            )
+            print(f'{shown}, deceleration {measured}')
+            if way == QUICK_STOP:
+                problems += _weakness(name, measured, axis.stop_deceleration)
+            else:
+                # `stopping` subtracts SCATTER, so that it assumes at most the least value
+                highest = measured.least / (1.0 - SCATTER)
+                coasting = min(coasting, measured.best, highest)
+    files = ' '.join(map(str, context.files))
+    print(f'next: stopping {files} --coasting {max(coasting, _LEAST_COASTING):.2f}')
     context.record('stop-test', {}, problems)
 
 
-def _stopped(motion: Motion, speed: float, way: str) -> tuple[np.ndarray, list[bool]]:
-    """
-    Bring the carriages to a speed [m/s], stop them, and return their positions until rest [m].
+def _weakness(name: str, measured: Deceleration, configured: float) -> Iterator[str]:
+    """Yield a problem if a quick stop may be much weaker than configured [m/s²]."""
+    least = _LEAST_SHARE * configured
+    if measured.most < configured:
+        yield (
+            f'{name}: {QUICK_STOP} decelerates by {measured}, below axes.stop_deceleration = '
+            f'{configured:g} m/s^2; next: {REMEDIES[QUICK_STOP]}, or reduce '
+            'axes.stop_deceleration'
+        )
+    elif measured.least < least:
+        yield (
+            f'{name}: {QUICK_STOP} decelerates by {measured}, and its least value is below '
+            f'{least:g} m/s^2, {_LEAST_SHARE:g} of axes.stop_deceleration: this is not known '
+            'closely enough; next: repeat with commission stop-test --speed 300'
+        )
 
-    The positions of each cycle have the shape (n, 3); their first `_STEADY` rows are at the speed.
-    The second array marks drives that would still follow targets after the stop.
-    """
+
+def _stopped(motion: Motion, speed: float, way: str) -> Track:
+    """Bring the carriages to a speed [m/s] and stop them; return their positions until rest."""
+    times, positions = list[float](), list[list[float]]()
+
+    def record(axes: dict[str, AxisSnapshot]) -> None:
+        times.append(motion.sync_time)
+        positions.append([axis.position or 0.0 for axis in axes.values()])
+
     cycles = motion.go(speed)
     while abs(motion.targets.speed) < abs(speed):
         next(cycles)
-    track = [_positions(next(cycles)) for _ in range(_STEADY)]
+    for _ in range(_STEADY):
+        record(next(cycles))
     stopped = _stop(motion, way)
-    track.append(_positions(stopped))
+    record(stopped)
     end = motion.controller.clock.monotonic() + _LONGEST
-    while (
-        len(track) <= _STEADY + _STANDING
-        or np.abs(track[-1] - track[-_STANDING]).max() > _STANDSTILL
-    ):
+    while not _are_at_rest(positions):
         if motion.controller.clock.monotonic() > end:
             raise CommissioningError(
                 f'{way}: a carriage still moves after {_LONGEST:g} s; '
                 'next: use the emergency stop'
             )
-        track.append(_positions(motion.turn()))
-    return np.array(track), [
-        axis.state is State.OPERATION_ENABLED for axis in stopped.values()
-    ]
+        record(motion.turn())
+    follows = [axis.state is State.OPERATION_ENABLED for axis in stopped.values()]
+    return Track(np.array(times), np.array(positions), follows)
+
+
+def _are_at_rest(positions: list[list[float]]) -> bool:
+    """Return whether the last positions of a stop are equal [m]."""
+    if len(positions) <= _STEADY + _STANDING:
+        return False
+    last = np.array(positions[-_STANDING:])
+    return bool(np.ptp(last, axis=0).max() <= _STANDSTILL)
 
 
 def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
@@ -117,14 +186,9 @@ def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
     return motion.turn()
 
 
-def _positions(axes: dict[str, AxisSnapshot]) -> np.ndarray:
-    return np.array([axis.position for axis in axes.values()], float)
-
-
-def _bounds(motion: Motion, track: np.ndarray, way: str) -> np.ndarray:
+def _bounds(motion: Motion, track: Track, way: str) -> np.ndarray:
     """Return the stopping distances that the stopping analysis assumes, shape (3,) [m]."""
     controller, settings = motion.controller, motion.controller.settings
-    speeds = np.abs(track[_STEADY - 1] - track[0]) / ((_STEADY - 1) * motion.period)
     silence = _HEARTBEATS * settings.heartbeat_timeout if way == SILENT_MASTER else 0.0
     delay = settings.drive_lag + _CYCLES * motion.period + silence
     assumed = np.array(
@@ -133,11 +197,4 @@ def _bounds(motion: Motion, track: np.ndarray, way: str) -> np.ndarray:
             for axis in controller.axes
         ]
     )
-    return speeds * (delay + 0.5 * speeds / assumed) + _SLACK
-
-
-def deceleration(positions: np.ndarray, period: float) -> np.ndarray:
-    """Return mean decelerations [m/s²] after a stop has begun, from positions (n, axes) [m]."""
-    before, begin, after = positions[_CYCLES - 1 : _CYCLES + 2]
-    speeds = (after - before) / (2.0 * period)
-    return 0.5 * speeds**2 / np.maximum(np.abs(positions[-1] - begin), _SLACK)
+    return track.speeds * (delay + 0.5 * track.speeds / assumed) + _SLACK

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator.canopen.pdo import SYNC_COB_ID
+from facade_manipulator.tools import stopping
 from facade_manipulator.tools.commissioning.stop_test import SILENCE
 
 pytestmark = pytest.mark.long
@@ -13,13 +14,21 @@ pytestmark = pytest.mark.long
 SLOW = ('stop-test', '--speed', '100')
 
 
+@pytest.mark.parametrize('coasting', [1.6, 3.0, 6.0, 10.0, 20.0])
+def test_stopping_accepts_the_printed_coasting(make_rig, capsys, coasting):
+    rig = make_rig('--coasting', str(coasting)).configured()
+    assert rig.run('stop-test') == 0
+    said = capsys.readouterr().out
+    printed = float(re.search(r'--coasting ([\d.]+)', said)[1])
+    assert printed == pytest.approx(coasting, rel=0.1 if coasting <= 10.0 else 0.25)
+    (command,) = re.findall('next: stopping (.*--coasting.*)', said)
+    assert stopping.main(command.split()) == 0
+
+
 def test_stopping_distances_are_measured_and_recorded(make_rig, capsys):
     rig = make_rig('--coasting', '1.6').configured()
     assert rig.run('stop-test') == 0
     said = capsys.readouterr().out
-    assert float(re.search(r'--coasting ([\d.]+)', said)[1]) == pytest.approx(
-        1.6, rel=0.1
-    )
     quick, off = (
         float(re.search(rf'q1: {way}, ([\d.]+) of', said)[1])
         for way in ('quick stop', 'power off')
@@ -30,6 +39,38 @@ def test_stopping_distances_are_measured_and_recorded(make_rig, capsys):
 
 def is_weak(drive) -> None:
     drive.motor.peak_acceleration = 1.3 * drive.motor._per_metre  # as for a heavy load
+
+
+def decelerates(share: float):
+    """Return a fault of a drive that has a share of the deceleration of 6085h."""
+
+    def spoil(drive) -> None:
+        drive.objects.units[0x6085] /= share
+
+    return spoil
+
+
+def has_a_weak_motor(drive) -> None:
+    drive.motor.peak_acceleration = 3.0 * drive.motor._per_metre
+
+
+@pytest.mark.parametrize(
+    'spoil', [decelerates(0.5), decelerates(0.75), has_a_weak_motor]
+)
+def test_quick_stop_weaker_than_configured_is_rejected(rig, capsys, spoil):
+    spoil(rig.drives[0])
+    assert rig.run('stop-test') == 1
+    said = capsys.readouterr()
+    assert '! q1: quick stop decelerates by' in said.err
+    assert 'below axes.stop_deceleration = 6 m/s^2; next: check 6085h' in said.err
+    assert '! q2:' not in said.err and 'stop-test' not in rig.overlay.steps()
+
+
+def test_slow_stop_test_does_not_know_the_deceleration(rig, capsys):
+    assert rig.run(*SLOW) == 1
+    assert 'next: repeat with commission stop-test --speed 300' in (
+        capsys.readouterr().err
+    )
 
 
 def ignores_the_master(drive) -> None:
@@ -64,13 +105,13 @@ def test_silent_master_stops_the_kernel_sync(rig):
 
     rig.has_kernel_sync = True
     rig.nodes.append(listen)
-    assert rig.run(*SLOW) == 0
+    assert rig.run('stop-test') == 0
     # the pauses between the three motions are shorter
     assert max(np.diff(times)) == pytest.approx(SILENCE, abs=0.02)
 
 
 def test_stop_test_asks_only_once(rig):
-    assert rig.run(*SLOW, yes=False) == 0
+    assert rig.run('stop-test', yes=False) == 0
     assert len(rig.questions) == 1
 
 

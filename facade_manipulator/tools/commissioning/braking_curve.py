@@ -1,0 +1,98 @@
+"""
+Deceleration of a carriage from its positions during a stop.
+
+A carriage moves at the speed v, continues for a delay d, and brakes with the deceleration a. Its
+servo follows this motion with a lag L of first order. The distance from the stop to rest is
+
+    D = v (d + L) + v² / (2 a)
+
+The speed and the distance are measured. For each lag and delay this equation has one deceleration.
+The best of them gives the curve nearest to the positions. The uncertainty is the range of the
+decelerations whose curves are nearly as near. Delay and braking are thus separated: a short delay
+does not hide a weak brake.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+POSITION_ERROR = 3e-5  # m, of a position at its time: jitter of SYNC and resolution
+_AT_REST = 1e-5  # m, from the rest position
+_DELAYS, _LAGS = 400, 4  # number of values tried
+_MOST_LAG = 1.5  # times the lag of the parameters: it differs between speeds and loads
+_MOST = 200.0  # m/s², above any brake of a carriage
+
+
+class Deceleration(NamedTuple):
+    """Estimated deceleration with its uncertainty [m/s²]."""
+
+    best: float
+    least: float
+    most: float
+
+    def __str__(self) -> str:
+        return f'{self.best:.2f} m/s^2 ({self.least:.2f} to {self.most:.2f})'
+
+
+def fit_deceleration(
+    times: np.ndarray, positions: np.ndarray, steady: int, lag: float
+) -> Deceleration:
+    """
+    Return the deceleration of a stop that begins after the first `steady` positions.
+
+    Parameters
+    ----------
+    times : array of shape (n,)
+        Times of the positions [s].
+    positions : array of shape (n,)
+        Positions [m] at a constant speed, then until rest.
+    steady : int
+        Number of positions at the constant speed, at least 2.
+    lag : float
+        Lag of the servo according to the parameters [s].
+
+    """
+    times = times - times[steady - 1]
+    direction = np.sign(positions[steady - 1] - positions[0])
+    travelled = direction * (positions - positions[steady - 1])
+    speed, start = np.polyfit(times[:steady], travelled[:steady], 1)
+    # a weak servo overshoots its demand and returns: its brake ends at the farthest position
+    travelled = np.maximum.accumulate(travelled) - start
+    distance = travelled[-1]
+    end = int(np.argmax(travelled >= distance - _AT_REST)) + 2
+    times, travelled = times[steady:end], travelled[steady:end]
+
+    errors, decelerations = list[float](), list[float]()
+    for servo_lag in np.linspace(0.0, _MOST_LAG * lag, _LAGS):
+        longest = max(0.0, distance / speed - servo_lag)
+        for delay in np.linspace(0.0, longest, _DELAYS, endpoint=False):
+            braking = distance - speed * (delay + servo_lag)
+            if braking <= 0.5 * speed**2 / _MOST:
+                continue
+            deceleration = 0.5 * speed**2 / braking
+            curve = _travel(times, speed, delay, deceleration, servo_lag)
+            errors.append(float(np.sqrt(np.mean((travelled - curve) ** 2))))
+            decelerations.append(deceleration)
+    if not errors:  # the carriage has stopped at once
+        return Deceleration(_MOST, _MOST, np.inf)
+    near = np.array(errors) <= min(errors) + POSITION_ERROR
+    possible = np.array(decelerations)[near]
+    best = decelerations[int(np.argmin(errors))]
+    return Deceleration(best, float(possible.min()), float(possible.max()))
+
+
+def _travel(
+    times: np.ndarray, speed: float, delay: float, deceleration: float, lag: float
+) -> np.ndarray:
+    """Return the distance [m] of a stop at times since its begin [s]."""
+    braking = np.clip(times - delay, 0.0, speed / deceleration)
+    demanded = speed * (np.minimum(times, delay) + braking)
+    demanded -= 0.5 * deceleration * braking**2
+    if lag == 0.0:
+        return demanded
+    settled = 1.0 - np.exp(-braking / lag)
+    at_rest = np.clip(times - delay - speed / deceleration, 0.0, None)
+    actual_speed = speed - deceleration * (braking - lag * settled)
+    return demanded + lag * (speed - actual_speed * np.exp(-at_rest / lag))
