@@ -31,6 +31,8 @@ RTR_NOT_ALLOWED = 1 << 30
 EXTENDED_FRAME = 1 << 29
 COB_ID_BITS = 0x7FF
 
+NMT_STARTUP_OBJECT = 0x1F80
+WAITS_FOR_START = 1 << 2  # bit of 1F80h: the node does not start itself (CiA 302-2)
 GUARD_TIME_OBJECT = 0x100C  # ms
 SYNC_OBJECT, SYNC_PERIOD_OBJECT = 0x1005, 0x1006
 SYNC_PRODUCER = 1 << 30  # bit of 1005h: the node sends SYNC with the period 1006h [us]

@@ -417,9 +417,19 @@ class Drive(SdoChannel):
             misses_us and state is State.QUICK_STOP_ACTIVE
         ):
             return f'{monitor.title} has power ({state.value})'
-        if monitor.nmt_state == 'OPERATIONAL' and not misses_us:
-            return f'{monitor.title} is operational'
+        is_operational = monitor.nmt_state == 'OPERATIONAL'
+        if is_operational and not misses_us and not self._starts_itself():
+            return (
+                f'{monitor.title} is operational (if it is so again after its supply was off, '
+                'it starts itself: set quirks.starts_itself in its profile)'
+            )
         return ''
+
+    def _starts_itself(self) -> bool:
+        """Return whether the drive becomes operational without a command after its boot-up."""
+        startup = read_optional(self, pdo.NMT_STARTUP_OBJECT, 0)
+        is_stored = startup is not None and not startup & pdo.WAITS_FOR_START
+        return self.monitor.profile.quirks.starts_itself or is_stored
 
     def switch_off(self) -> State | None:
         """Switch the drive off; return its state, None without an answer."""

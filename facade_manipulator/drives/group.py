@@ -20,6 +20,7 @@ from facade_manipulator.drives.states import (
     AxisCommand,
     Controlword,
     decode_state,
+    describe_state,
     Mode,
     Status,
 )
@@ -117,7 +118,13 @@ class Group:
         """
         self._require('home', self.state is ControllerState.INACTIVE, is_settled=True)
         self.homing = tuple(
-            Homing(one.name, one.axis, self._settings.period) for one in self.monitors
+            Homing(
+                one.name,
+                one.axis,
+                self._settings.period,
+                needs_bit_10=not one.profile.quirks.homes_without_bit_10,
+            )
+            for one in self.monitors
         )
         self._begin(plans.HOME, now)
 
@@ -259,10 +266,7 @@ class Group:
         may_stay = state in step.goal or state in step.via
         if may_stay and not failure and (has_arrived or now <= self._deadline):
             return '', has_arrived and self._cycles >= step.min_cycles
-        found = [
-            f'in {f"the state {state.value}" if state else "no state of CiA 402"} '
-            f'(statusword {one.statusword:04X}h)'
-        ]
+        found = [f'in {describe_state(one.statusword)}']
         if state in plans.FAULT_STATES:
             found.append(one.error or 'the drive sent no error code')
         if not has_mode:

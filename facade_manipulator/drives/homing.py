@@ -24,7 +24,13 @@ METHODS_AT_PRESENT_POSITION = frozenset({35, 37})
 class Homing:
     """Homing of one axis; axes of one rank home together, lower ranks first."""
 
-    def __init__(self, name: str, axis: AxisSettings, period: float) -> None:
+    def __init__(
+        self,
+        name: str,
+        axis: AxisSettings,
+        period: float,
+        needs_bit_10: bool = True,
+    ) -> None:
         self.rank = axis.homing_rank
         self.is_homed = False
         self._name = name
@@ -39,6 +45,10 @@ class Homing:
         self._timeout = axis.homing_strokes * stroke / axis.homing_speed
         self._most_cycles = self._timeout / period
         self._cycles = self._cycles_elsewhere = 0
+        # without bit 10 the drive is at its home position once its counts no longer change
+        self._success = _SUCCESS if needs_bit_10 else Status.HOMING_ATTAINED
+        self._needs_bit_10 = needs_bit_10
+        self._counts = self._cycles_at_rest = 0
         self._seen_clear = False
 
     def watch(self, statusword: int) -> None:
@@ -53,12 +63,17 @@ class Homing:
         at a position other than the home position, and a timeout.
         """
         self._cycles += 1
+        is_still = abs(counts - self._counts) <= HOME_TOLERANCE
+        self._counts = counts
+        self._cycles_at_rest = self._cycles_at_rest + 1 if is_still else 0
+        is_at_rest = self._needs_bit_10 or self._cycles_at_rest >= SETTLING_CYCLES
         self._seen_clear = self._seen_clear or not statusword & Status.HOMING_ATTAINED
         away = counts - self._axis.to_counts(self._axis.home_position)
         is_there = abs(away) <= self._tolerance
         has_settled = self._cycles > SETTLING_CYCLES
         is_new = self._seen_clear or (not self._has_motion and is_there and has_settled)
-        if statusword & _OUTCOME == _SUCCESS and is_new:
+        outcome = statusword & (self._success | Status.HOMING_ERROR)
+        if outcome == self._success and is_new and is_at_rest:
             self.is_homed = is_there
             self._cycles_elsewhere += 1
             return (
@@ -75,6 +90,11 @@ class Homing:
             failure = 'homing failed, the drive reports a homing error'
         elif self._cycles > self._most_cycles:
             failure = f'homing took longer than {self._timeout:g} s'
+            if statusword & _OUTCOME == Status.HOMING_ATTAINED:
+                failure += (
+                    ', bit 12 is 1 (attained), but bit 10 is 0 (reached); if the drive never '
+                    'sets bit 10, set quirks.homes_without_bit_10 in its profile'
+                )
         else:
             return ''
         return (

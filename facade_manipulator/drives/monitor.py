@@ -23,7 +23,14 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.encoder import Encoder
 from facade_manipulator.drives.profile import DriveProfile
 from facade_manipulator.drives.snapshot import AxisSnapshot, Cause, Remedy
-from facade_manipulator.drives.states import AxisCommand, State, Status, STATUSWORDS
+from facade_manipulator.drives.states import (
+    AxisCommand,
+    Controlword,
+    Mode,
+    State,
+    Status,
+    STATUSWORDS,
+)
 from facade_manipulator.errors import DriveStateError
 
 ENCODER_REMEDY = (
@@ -151,6 +158,9 @@ class AxisMonitor:
         self._settings = settings
         self._supervised_since = -inf
         self._was_remote = False
+        self._toggled_bit = (
+            0  # bit 4 of the last controlword, where the drive needs its change
+        )
 
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
         """Return the newest values, with the commanded target [m], at a time [s]."""
@@ -214,7 +224,7 @@ class AxisMonitor:
         if self.boot_ups:  # the PDO mapping is lost
             return []
         values = {
-            pdo.CONTROLWORD: command.controlword,
+            pdo.CONTROLWORD: command.controlword | self._cyclic_bit_4(command),
             pdo.MODE_COMMAND: command.mode,
             pdo.TARGET: target,
         }
@@ -222,6 +232,18 @@ class AxisMonitor:
             (cob_id, pack(*[values[index] for index in indices]))
             for cob_id, pack, indices in self._rpdos
         ]
+
+    def _cyclic_bit_4(self, command: AxisCommand) -> int:
+        """Return bit 4 of the controlword for a drive that needs it to take each target."""
+        is_cyclic = command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION
+        is_enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
+        kind = self.profile.quirks.cyclic_bit_4
+        if not (is_cyclic and is_enabled) or kind == 'clear':
+            return 0
+        if kind == 'toggled':
+            self._toggled_bit ^= Controlword.NEW_TARGET
+            return self._toggled_bit
+        return Controlword.NEW_TARGET
 
     def receive_tpdo(
         self, tpdo: Pdo, data: bytes, time: float, sync_time: float

@@ -51,16 +51,26 @@ class Quirks(NamedTuple):
 
     never_follows: bool = False  #: bit 12 is never set in cyclic synchronous position
     hides_mode: bool = False  #: 6061h shows the mode only in operation enabled
+    #: homing ends with bit 12 only; bit 10 is never set, or only for a moment
+    homes_without_bit_10: bool = False
+    #: controlword bit 4 in cyclic synchronous position: one of `CYCLIC_BIT_4`
+    cyclic_bit_4: str = 'clear'
+    starts_itself: bool = False  #: NMT operational without a command after the boot-up
+    boot_time: int = 0  #: longest time from reset to the boot-up message [s]
 
+
+CYCLIC_BIT_4 = ('clear', 'held', 'toggled')
+LONGEST_BOOT_TIME = 60  # s
+_SWITCHES = [name for name, value in Quirks()._asdict().items() if value is False]
 
 # The values that an entry may have, all of one type; the other entries may have any value.
 _ALLOWED: dict[str, Sequence[Any]] = {
     'index': _INDEX,
     'subindex': range(255),
     'lost_master_reaction': _INDEX,
-    **dict.fromkeys(
-        ('required', 'loses_position', 'is_warning', *Quirks._fields), _BOOLEAN
-    ),
+    'cyclic_bit_4': CYCLIC_BIT_4,
+    'boot_time': range(LONGEST_BOOT_TIME + 1),
+    **dict.fromkeys(('required', 'loses_position', 'is_warning', *_SWITCHES), _BOOLEAN),
     **dict.fromkeys(
         ('velocity_unit', 'motor_speed_unit', 'acceleration_unit'), (*VELOCITY_UNITS,)
     ),

@@ -282,9 +282,13 @@ def _prepare(session: Session, exchange: CyclicExchange) -> Steps[list[str]]:
         yield from _wait(
             session,
             lambda one: one.boot_ups > 0,
-            session.settings.boot_timeout,
+            max(
+                session.settings.boot_timeout,
+                *(one.profile.quirks.boot_time for one in session.monitors),
+            ),
             f'sent no boot-up message on {exchange.bus} after its reset: check its power, its '
-            'node id and the bit rate of the bus',
+            'node id and the bit rate of the bus; if it boots longer, set quirks.boot_time in '
+            'its profile',
         )
         session.command('PRE-OPERATIONAL', session.monitors)
         yield from _each(session, Drive.identify)

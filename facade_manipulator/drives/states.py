@@ -56,6 +56,7 @@ class Controlword(IntEnum):
     DISABLE_OPERATION = 0x0007
     ENABLE_OPERATION = 0x000F
     HOMING_START = 0x0010
+    NEW_TARGET = 0x0010
     FAULT_RESET = 0x0080
 
 
@@ -122,3 +123,20 @@ def decode_state(statusword: int) -> State | None:
         ),
         None,
     )
+
+
+def describe_state(statusword: int) -> str:
+    """Return state and statusword in words, with the bits that prevent a state of CiA 402."""
+    number = f'(statusword {statusword:04X}h)'
+    state = decode_state(statusword)
+    if state is not None:
+        return f'the state {state.value} {number}'
+
+    def difference(nearest: State) -> int:
+        mask, value = STATUSWORDS[nearest]
+        return (statusword & mask) ^ value
+
+    nearest = min(STATUSWORDS, key=lambda one: difference(one).bit_count())
+    bits = [bit for bit in range(16) if difference(nearest) >> bit & 1]
+    changed = ' and '.join(f'bit {bit} = {1 - (statusword >> bit & 1)}' for bit in bits)
+    return f'no state of CiA 402 {number}, it would be {nearest.value} with {changed}'

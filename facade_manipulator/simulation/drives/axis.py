@@ -112,6 +112,7 @@ class SimulatedAxis:
         """Enter the state after power-on: the position is unknown."""
         self.state = State.SWITCH_ON_DISABLED
         self._controlword = 0
+        self._latched_bit_4 = 0
         self._mode = Mode.NONE
         self._stop: SpeedRamp | None = None
         self._late = 0.0  # s, time of the following error beyond its window
@@ -183,10 +184,20 @@ class SimulatedAxis:
             self.state is State.OPERATION_ENABLED
             and self._mode == Mode.CYCLIC_SYNCHRONOUS_POSITION
         ):
-            self.cyclic.latch()
+            if self._has_new_target():
+                self.cyclic.latch()
             low, high = self._values[0x607D, 1], self._values[0x607D, 2]
             if low < high and not low <= self._values[0x607A, 0] <= high:
                 self._report(SOFTWARE_LIMIT)
+
+    def _has_new_target(self) -> bool:
+        """Return whether bit 4 of the controlword lets the drive take a target."""
+        before = self._latched_bit_4
+        self._latched_bit_4 = self._controlword & Controlword.NEW_TARGET
+        kind = self._objects.profile.quirks.cyclic_bit_4
+        if kind == 'toggled':
+            return self._latched_bit_4 != before
+        return kind == 'clear' or bool(self._latched_bit_4)
 
     # --- transitions
 

@@ -234,6 +234,8 @@ class SimulatedDrive:
         if self.node_id != UNCONFIGURED:
             self.objects.nmt.state = 'INITIALISING'  # sends the boot-up message
             self.objects.nmt.state = 'PRE-OPERATIONAL'  # starts the heartbeat
+            if self.objects.profile.quirks.starts_itself:
+                self.objects.nmt.state = 'OPERATIONAL'
             if self.axis.torque_off:
                 self.inject_fault(SAFE_TORQUE_OFF)
 
