@@ -101,16 +101,22 @@ class ToolBus(Clock):
         self.receivers[objects.tx_cobid] = objects.receive
         return objects
 
-    def reset(self, node_id: int) -> None:
-        """Reset a drive and wait for its boot-up message; raises a DriveTimeoutError."""
+    def reset(self, node_id: int, boot_time: float = 0.0) -> None:
+        """
+        Reset a drive and wait for its boot-up message.
+
+        `boot_time` is the time that it needs if longer than `BOOT_TIMEOUT` [s]. Raises a
+        DriveTimeoutError.
+        """
+        timeout = max(boot_time, BOOT_TIMEOUT)
         self._received.clear()
         self.frames.command('RESET', node_id)
         boot_up = pdo.HEARTBEAT + node_id
         if not self.wait_for(
-            lambda: any(one.cob_id == boot_up for one in self._received), BOOT_TIMEOUT
+            lambda: any(one.cob_id == boot_up for one in self._received), timeout
         ):
             raise DriveTimeoutError(
-                f'node {node_id} sent no boot-up message in {BOOT_TIMEOUT:g} '
+                f'node {node_id} sent no boot-up message in {timeout:g} '
                 's; next: switch its power off and on, then scan'
             )
 

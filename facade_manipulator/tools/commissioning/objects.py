@@ -73,7 +73,7 @@ def run_profile(context: Context) -> None:
             )
             context.state = _NOT_STORED.format(name)
             found = [f'{name}: {one}' for one in differences(drive, axis, writes)]
-            bus.reset(axis.node_id)
+            bus.reset(axis.node_id, profile.quirks.boot_time)
             context.state = ''
         problems += found
         if not found:
@@ -147,7 +147,7 @@ def read_values(drive: SdoChannel, objects: Objects) -> dict[Key, Any]:
 def run_restore(context: Context) -> None:
     """Print the differences, ask, write and store the values, and compare them after a reset."""
     name, path = context.options.axis, context.options.file
-    of_place = load_profile(context.axes[name].profile).of_place
+    profile = load_profile(context.axes[name].profile)
     objects = variables(read_dictionary(path))
     with context.drive(name) as (bus, drive):
         present = read_values(drive, objects)
@@ -162,7 +162,7 @@ def run_restore(context: Context) -> None:
             _write(key, objects[key])
             for key, value in present.items()
             if key[0] not in _COMMUNICATION
-            and key not in of_place
+            and key not in profile.of_place
             and objects[key].value not in (None, value)
         ]
         if not writes:
@@ -186,7 +186,7 @@ def run_restore(context: Context) -> None:
         )
         drive.RESPONSE_TIMEOUT = _STORING_TIME
         drive.write(0x1010, 1, b'save')
-        bus.reset(drive.node_id)
+        bus.reset(drive.node_id, profile.quirks.boot_time)
         if lost := configuration.check(drive, writes)[0]:
             raise CommissioningError(
                 f'{name} has not stored these values: ' + '; '.join(lost.values())
