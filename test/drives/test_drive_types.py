@@ -7,9 +7,10 @@ from dataclasses import replace
 import pytest
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.configuration import Drive
 from facade_manipulator.drives.profile import load_profile, ProfileObject
 from facade_manipulator.drives.snapshot import ControllerState
-from facade_manipulator.drives.states import State
+from facade_manipulator.drives.states import State, Status
 from facade_manipulator.errors import DriveError, DriveObjectError
 from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
@@ -63,6 +64,22 @@ def hide_mode(drive):
     )
 
 
+def never_set_bit_10(drive):
+    status = drive.axis.homing.status
+    drive.axis.homing.status = lambda: status() & ~Status.TARGET_REACHED
+
+
+def pulse_bit_10(drive):
+    status, seen = drive.axis.homing.status, [0]
+
+    def pulsed():
+        word = status()
+        seen[0] = seen[0] + 1 if word & Status.TARGET_REACHED else 0
+        return word if seen[0] < 2 else word & ~Status.TARGET_REACHED
+
+    drive.axis.homing.status = pulsed
+
+
 @pytest.mark.parametrize(
     ('changes', 'depart', 'settings'),
     [
@@ -71,6 +88,19 @@ def hide_mode(drive):
         ({'pdos': REORDERED}, bool, SimulationSettings()),
         ({'objects': OTHER_SIGN}, bool, SimulationSettings()),
         ({'quirks': {'hides_mode': True}}, hide_mode, SimulationSettings()),
+        (
+            {'quirks': {'homes_without_bit_10': True}},
+            never_set_bit_10,
+            SimulationSettings(),
+        ),
+        (
+            {'quirks': {'homes_without_bit_10': True}},
+            pulse_bit_10,
+            SimulationSettings(),
+        ),
+        ({'quirks': {'cyclic_bit_4': 'held'}}, bool, SimulationSettings()),
+        ({'quirks': {'cyclic_bit_4': 'toggled'}}, bool, SimulationSettings()),
+        ({'quirks': {'starts_itself': True}}, bool, SimulationSettings()),
     ],
 )
 def test_drives_of_another_type_home_and_move(
@@ -83,6 +113,97 @@ def test_drives_of_another_type_home_and_move(
     move(rig)
     values = rig.snapshot.axes[0].force, rig.snapshot.axes[0].following_error
     assert ([*values] == [None, None]) is ('pdos' in changes)
+
+
+def test_homing_that_lacks_bit_10_names_the_quirk(make_rig):
+    axes = tuple(replace(axis, homing_speed=1.0) for axis in DEFAULT_AXES)
+    rig = make_rig(axes=axes)
+    never_set_bit_10(rig.drives[1])
+    rig.request('configure')
+    message = rig.rejection('home')
+    assert (
+        'q2: homing took longer than 3 s, bit 12 is 1 (attained), but bit 10' in message
+    )
+    assert 'set quirks.homes_without_bit_10 in its profile' in message
+
+
+@pytest.mark.parametrize(
+    ('kind', 'other'), [('held', 'clear'), ('toggled', 'held'), ('toggled', 'clear')]
+)
+def test_drive_without_its_bit_4_is_stopped(make_rig, axes_with, kind, other):
+    drives = [SimulatedDrive(axis) for axis in axes_with(quirks={'cyclic_bit_4': kind})]
+    rig = make_rig(axes=axes_with(quirks={'cyclic_bit_4': other}), drives=drives)
+    rig.request('configure', 'home', 'activate')
+    rig.stream()
+    rig.until(lambda: rig.state is ControllerState.STOPPED)
+    assert 'behind its targets' in rig.all_causes
+
+
+# --- times and the start of a drive
+
+
+def delay_boot(drive, seconds):
+    """Let a drive boot a time [s] after each reset."""
+    restart = drive._restart
+
+    def slow_restart(keeps_application):
+        restart(keeps_application)
+        drive._boot_at = drive.now + seconds
+
+    drive._restart = slow_restart
+
+
+def test_drive_that_boots_slowly_is_awaited_with_its_quirk(make_rig, axes_with):
+    rig = make_rig(axes=axes_with(quirks={'boot_time': 9}))
+    delay_boot(rig.drives[1], 8.5)
+    rig.request('configure', 'home', 'activate')
+
+
+def test_boot_longer_than_expected_names_time_and_quirk(rig):
+    delay_boot(rig.drives[1], 8.5)
+    message = rig.rejection('configure')
+    assert 'q2 (node 2) sent no boot-up message' in message
+    assert 'set quirks.boot_time in its profile (waited 0.5 s)' in message
+
+
+@pytest.mark.parametrize('knows', [True, False])
+def test_drive_that_starts_itself_needs_its_quirk(make_rig, axes_with, knows):
+    quirks = {'quirks': {'starts_itself': True}}
+    drives = [SimulatedDrive(axis) for axis in axes_with(**quirks)]
+    rig = make_rig(
+        axes=axes_with(**(quirks if knows else {'quirks': {}})), drives=drives
+    )
+    for drive in drives:
+        drive.objects.stored[0x1017, 0] = 50
+        drive.reboot()
+    rig.run(0.3)
+    message = rig.rejection('configure')
+    if knows:
+        assert message is None
+    else:
+        assert 'it starts itself: set quirks.starts_itself in its profile' in message
+
+
+@pytest.mark.parametrize(('startup', 'is_accepted'), [(0, True), (4, False)])
+def test_object_1f80_shows_that_a_drive_starts_itself(rig, startup, is_accepted):
+    drive = rig.drives[1]
+    drive.objects.stored[0x1017, 0] = 50
+    drive.reboot()
+    rig.run(0.1)
+    drive.objects.nmt.state = 'OPERATIONAL'
+    read = Drive.read
+    answers = {(2, 0x1F80): startup.to_bytes(4, 'little')}
+    rig.run(0.1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            Drive,
+            'read',
+            lambda self, index, subindex: (
+                answers.get((self.node_id, index)) or read(self, index, subindex)
+            ),
+        )
+        message = rig.rejection('configure')
+    assert (message is None) is is_accepted
 
 
 def pad_process_data(frame):

@@ -11,6 +11,7 @@ import pytest
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.group import Group
+from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import Cause
 from facade_manipulator.drives.snapshot import ControllerState as Doing
 from facade_manipulator.drives.states import Controlword, State, Status, STATUSWORDS
@@ -30,6 +31,7 @@ class Drives:
             SimpleNamespace(
                 name=name,
                 axis=axis,
+                profile=load_profile(axis.profile),
                 counts=axis.to_counts(axis.home_position),
                 error='',
                 disobedience='',

@@ -131,7 +131,9 @@ def test_invalid_profile_is_rejected_with_file_and_reason(tmp_path, data, words)
 
 @pytest.mark.parametrize('name', Quirks._fields)
 def test_quirk_of_a_wrong_type_is_rejected(tmp_path, name):
-    with pytest.raises(ParameterError, match=f"{name} = 'false' is not one of"):
+    with pytest.raises(
+        ParameterError, match=f"{name} = 'false' is not (one of|from 0)"
+    ):
         load_profile(write(tmp_path, entry('epos4', quirks={name: 'false'})))
 
 

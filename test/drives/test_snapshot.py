@@ -1,6 +1,7 @@
 """State of one cycle: positions for users, reported changes, and states of the drives."""
 
 from itertools import zip_longest
+import re
 
 import pytest
 
@@ -11,7 +12,7 @@ from facade_manipulator.drives.snapshot import (
     ControllerSnapshot,
     ControllerState,
 )
-from facade_manipulator.drives.states import decode_state, STATUSWORDS
+from facade_manipulator.drives.states import decode_state, describe_state, STATUSWORDS
 
 ENABLED, WITH_TARGET_REACHED, FAULT = 0x0027, 0x0427, 0x0008
 CAUSES = tuple(Cause(message, 'clear the faults') for message in ('first', 'second'))
@@ -67,3 +68,15 @@ def test_no_statusword_has_two_states():
     for word in range(0x10000):
         names = [s for s, (mask, value) in STATUSWORDS.items() if word & mask == value]
         assert names == ([] if decode_state(word) is None else [decode_state(word)])
+
+
+def test_statusword_without_state_is_described_by_its_wrong_bits():
+    assert describe_state(0x0267) == (
+        'no state of CiA 402 (statusword 0267h), it would be operation enabled with bit 6 = 0'
+    )
+    for word in range(0x10000):
+        _, _, wrong = describe_state(word).partition(' with ')
+        changed = word
+        for bit, value in re.findall(r'bit (\d+) = (\d)', wrong):
+            changed = changed & ~(1 << int(bit)) | int(value) << int(bit)
+        assert decode_state(changed) is not None
