@@ -98,12 +98,18 @@ class LoopClient:
         self._numbers = count()
         self._reading = Lock()
         self._ending = Lock()
+        # held while the state of a loop changes that a loop started later must also have
+        self._changing = Lock()
         self._forbidden = self._remedy = ''
         self._closing = False
         self.start()
 
     def start(self) -> None:
-        """Start the process and wait until it is ready, without a change of the drives."""
+        """
+        Start the process and wait until it is ready, without a change of the drives.
+
+        Raises a ManipulatorError if the process does not start, or `close` was called.
+        """
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         channel = Channel(ours)
         with theirs:
@@ -120,17 +126,30 @@ class LoopClient:
             raise ManipulatorError(
                 'the process of the control loop did not start; next: read its output above'
             )
-        # other threads send only after this line: the setup must be the first message
+        with self._changing:
+            if self._closing:
+                _end(process)
+                channel.close()
+                raise ManipulatorError('the control loop is closed')
+            self._connect(process, channel, content)
+
+    def _connect(
+        self,
+        process: subprocess.Popen[bytes],
+        channel: Channel,
+        state: tuple[ControllerSnapshot, StreamStatus],
+    ) -> None:
+        """Use a loop that is ready, and send the state that it must have."""
         self._jobs: dict[int, Future[Any]] = {}
         self._unanswered = 0
-        self._state: tuple[ControllerSnapshot, StreamStatus] = content
+        self._state = state
         # states that the node has not taken yet, at most those of two seconds
         self._states: deque[ControllerSnapshot] = deque(maxlen=200)
-        self._process, self._channel = process, channel
-        self._is_lost = (
-            False  # not before: `feed` would read the closed channel of the last loop
-        )
-        # to a loop that is started again; the limits may have changed after the setup was sent
+        self._process = process
+        self._channel = channel
+        # not before: `feed` would read the closed channel of the last loop
+        self._is_lost = False
+        # the limits may have changed after the setup was sent
         self._channel.send('forbid', self._forbidden, self._remedy)
         self._channel.send('limits', self._setup.limits)
 
@@ -175,14 +194,17 @@ class LoopClient:
 
     def forbid_power(self, cause: str, remedy: str = '') -> None:
         """Forbid power, also to a loop that is started later, until a call with ``''``."""
-        if (cause, remedy) != (self._forbidden, self._remedy):
-            self._forbidden, self._remedy = cause, remedy
-            self._channel.send('forbid', cause, remedy)
+        with self._changing:
+            if (cause, remedy) != (self._forbidden, self._remedy):
+                self._forbidden = cause
+                self._remedy = remedy
+                self._channel.send('forbid', cause, remedy)
 
     def change(self, limits: MotionLimits) -> None:
         """Replace the limits of motion from the next cycle."""
-        self._setup = replace(self._setup, limits=limits)
-        self._channel.send('limits', limits)
+        with self._changing:
+            self._setup = replace(self._setup, limits=limits)
+            self._channel.send('limits', limits)
 
     def apply_forces(self, forces: Sequence[float]) -> None:
         """Apply forces along the rail [N] to the carriages of simulated drives."""
@@ -270,11 +292,10 @@ class LoopClient:
     @cached_property
     def _farewell(self) -> Future[Any]:
         """Return the reply to the last request, which ends the process."""
-        self._closing = True
-        job, end = (
-            self.request('close'),
-            time.monotonic() + (CLOSE_TIMEOUT + self._setup.extra_time),
-        )
+        with self._changing:  # a loop that is being started ends without a request
+            self._closing = True
+        end = time.monotonic() + CLOSE_TIMEOUT + self._setup.extra_time
+        job = self.request('close')
         while not job.done() and time.monotonic() < end:
             self.feed()
             time.sleep(FEED_PERIOD)
