@@ -1,13 +1,17 @@
 """Node's side of the control loop, with a loop whose messages the test sends."""
 
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import replace
 import socket
 import subprocess
+from threading import Event, Thread
 import time
 from unittest.mock import call, Mock
 
 from control_loop.loop_bench import SETUP
 import pytest
+from support import DEADLINE
 
 from facade_manipulator.control_loop import process as process_module
 from facade_manipulator.control_loop.channel import Channel
@@ -149,6 +153,72 @@ def test_forbidden_power_reaches_the_next_loop():
     assert peer.taken() == [('forbid', *one) for one in forbidden]
     peer.node.start()
     assert peer.taken()[1:] == [('forbid', *forbidden[-1]), ('limits', SETUP.limits)]
+
+
+CHANGED_LIMITS = replace(SETUP.limits, speed=0.1)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'change', 'newest'),
+    [
+        (
+            'forbid',
+            lambda node: node.forbid_power('stop', 'send false'),
+            ('stop', 'send false'),
+        ),
+        ('limits', lambda node: node.change(CHANGED_LIMITS), (CHANGED_LIMITS,)),
+    ],
+)
+@pytest.mark.parametrize('moment', ['setup', 'forbid', 'limits'])
+def test_change_during_restart_reaches_the_loop_last(
+    monkeypatch, kind, change, newest, moment
+):
+    peer = Peer()
+    threads = []
+
+    class SlowChannel(Channel):
+        """Channel whose sender is displaced while another thread changes the state."""
+
+        def send(self, sent, *content):
+            if sent == moment and not threads:
+                threads.append(Thread(target=change, args=(peer.node,)))
+                threads[0].start()
+                threads[0].join(0.1)
+            return super().send(sent, *content)
+
+    monkeypatch.setattr(process_module, 'Channel', SlowChannel)
+    peer.node.start()
+    threads[0].join(DEADLINE)
+    assert [one[1:] for one in peer.taken() if one[0] == kind][-1] == newest
+
+
+def test_loop_that_starts_during_close_is_ended(monkeypatch):
+    peer = Peer()
+    peer.channel.close()
+    peer.node.feed()
+    assert peer.node.snapshot().state is ControllerState.LOST
+    launched = Event()
+    released = Event()
+
+    def launch(end):
+        launched.set()
+        released.wait(DEADLINE)
+        return peer.launch(end)
+
+    peer.process.reset_mock()
+    peer.node._launch = launch
+
+    with ThreadPoolExecutor(1) as worker:
+        restart = worker.submit(peer.node.start)
+        launched.wait(DEADLINE)
+        with pytest.raises(DriveError):
+            peer.node.close()
+        released.set()
+        with pytest.raises(ManipulatorError, match='the control loop is closed'):
+            restart.result(DEADLINE)
+
+    assert peer.process.wait.called
+    assert [message[0] for message in peer.taken()] == ['setup']
 
 
 def test_full_channel_drops_setpoints_but_not_stops():

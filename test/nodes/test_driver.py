@@ -2,15 +2,17 @@
 
 from itertools import groupby
 import math
+from threading import Event, Timer
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions
-from nodes.bench import DriverBench
+from nodes.bench import DriverBench, LoopThread
 import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from support import DEADLINE, limited
 
 from facade_manipulator import topics
 from facade_manipulator.canopen.link import BusSettings
@@ -26,6 +28,7 @@ from facade_manipulator.nodes.driver_status import DriverStatus
 from facade_manipulator.nodes.messages import CARRIAGES, status_values
 
 HOME = (-0.1, 0.1, 0.0)
+ENDED = (ControllerState.LOST, ControllerState.CLOSED)
 
 
 class Bench(DriverBench):
@@ -187,6 +190,38 @@ def test_end_of_the_loop_makes_the_driver_unconfigured(bench):
     assert bench.values()['next step'].endswith('then configure, home, activate')
     assert not bench.call(topics.HOME).success
     bench.bring_up()  # a new loop, homed again
+
+
+@pytest.mark.parametrize('is_released', [False, True])
+def test_node_ends_while_configure_restarts_the_loop(bench, is_released):
+    """The signal comes while the loop starts, or after its start."""
+    bench.require('configure')
+    bench.tested._loop._process.kill()
+    bench.until_state('unconfigured')
+    released = Event()
+    is_starting = Event()
+    started = []
+
+    def launch(end):
+        is_starting.set()
+        released.wait(DEADLINE)
+        started.append(LoopThread(end))
+        return started[0]
+
+    bench.tested._loop._launch = launch
+    if is_released:
+        released.set()
+    change = bench.node.create_client(*topics.CHANGE_STATE)
+    bench.ros.until(change.service_is_ready, 'the service')
+    change.call_async(ChangeState.Request(transition=Transition(label='configure')))
+    bench.ros.until(is_starting.is_set, 'the restart')
+
+    Timer(0.3, released.set).start()
+    with limited('the end of the node', DEADLINE):
+        bench.tested.close()
+    assert bench.tested._loop.snapshot().state in ENDED
+    assert started[0].wait(DEADLINE) == 0
+    assert started[0].loop.controller.snapshot().state is ControllerState.CLOSED
 
 
 def test_end_of_the_node_is_published(bench):
