@@ -1,10 +1,16 @@
-"""Time and waiting of the drive controller; a test passes a simulated clock."""
+"""Clocks and waiting of the drive controller; a test passes a simulated clock."""
 
 from __future__ import annotations
 
 from concurrent.futures import Executor, ThreadPoolExecutor
 from threading import Event
 import time
+
+# s, change of the difference of both clocks that counts: less is the time between two readings
+OFFSET_TOLERANCE = 2e-4
+OFFSET_READINGS = (
+    5  # the shortest is used: the thread may be displaced during a reading
+)
 
 
 class Clock:
@@ -25,3 +31,43 @@ class Clock:
     def workers(self, number: int, name: str) -> Executor:
         """Return an executor with a number of threads."""
         return ThreadPoolExecutor(number, thread_name_prefix=name)
+
+
+class SteadyTime:
+    """
+    Conversion between stamps on the system clock and times on the monotonic clock.
+
+    The system clock may be set at any time. Ages and intervals are therefore computed from times
+    on the monotonic clock, to which each stamp is converted when its message arrives. Equal stamps
+    have equal times unless the clock was set between them.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._offset = self._read_offset()
+
+    def from_stamp(self, stamp: float) -> float:
+        """Return the time on the monotonic clock [s] of a stamp on the system clock [s]."""
+        return stamp - self._present_offset()
+
+    def to_stamp(self, time: float) -> float:
+        """Return the stamp on the system clock [s] of a time on the monotonic clock [s]."""
+        return time + self._present_offset()
+
+    def _present_offset(self) -> float:
+        """Return the time by which the system clock is ahead of the monotonic clock [s]."""
+        offset = self._clock.time() - self._clock.monotonic()
+        if abs(offset - self._offset) > OFFSET_TOLERANCE:
+            self._offset = self._read_offset()
+        return self._offset
+
+    def _read_offset(self) -> float:
+        """Return the offset of the shortest of some readings [s]."""
+        readings = []
+        for _ in range(OFFSET_READINGS):
+            before = self._clock.monotonic()
+            stamp = self._clock.time()
+            after = self._clock.monotonic()
+            readings.append((after - before, stamp - 0.5 * (before + after)))
+
+        return min(readings)[1]

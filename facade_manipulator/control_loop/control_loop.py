@@ -32,7 +32,7 @@ import socket
 from typing import Any
 
 from facade_manipulator.canopen.bus import CanBus, open_bus
-from facade_manipulator.canopen.clock import Clock
+from facade_manipulator.canopen.clock import Clock, SteadyTime
 from facade_manipulator.control_loop.channel import Channel, LoopSetup
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.realtime import take_over_collector
@@ -94,6 +94,7 @@ class ControlLoop:
         machine: tuple[SetpointFollower, DriveController] | None = None,
     ) -> None:
         self._clock = clock or Clock()
+        self._steady_time = SteadyTime(self._clock)
         if machine is None:
             follower, mechanism = checked_follower(setup)
             machine = (
@@ -175,9 +176,11 @@ class ControlLoop:
         """Record the time [s, monotonic] of a feed, which shows that the node is alive."""
         self._fed = self._clock.monotonic()
 
-    def _add_setpoint(self, *setpoint: Any) -> None:
+    def _add_setpoint(self, stamp: float, *motion: Any) -> None:
+        """Add a setpoint by its stamp on the system clock [s], which may have been set."""
+        time = self._steady_time.from_stamp(stamp)
         try:
-            self.follower.add(Setpoint(*setpoint), self._clock.time())
+            self.follower.add(Setpoint(time, *motion), self._clock.monotonic())
         except ManipulatorError as error:
             self._channel.send(
                 'rejected', getattr(error, 'reason', 'other'), str(error)

@@ -42,7 +42,7 @@ ROUNDING = 1e-6  # periods
 JITTER = (
     0.25  # of the period: a SYNC that is farther from its expected time sets a new one
 )
-JITTER_SHARE = 0.05  # share of the jitter that moves the smoothed stamp
+JITTER_SHARE = 0.05  # share of the jitter that moves the smoothed time
 LATE_WINDOW = 500  # cycles over which the share of late cycles is counted
 
 
@@ -50,8 +50,8 @@ class CycleClock:
     """
     Clock of one step of the control loop per SYNC of the kernel or the loop, with counters.
 
-    `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `smooth_stamp` is
-    the stamp without jitter, because jitter in the time of targets would make the speed jump.
+    `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `smooth_time` is the
+    time without jitter, because jitter in the time of targets would make the speed jump.
     `is_open` is whether the step of the SYNC is still due. `next_event` is the time of the step or
     of the next SYNC [s]. `held` is the time beyond a period [s] for which the drives had held
     their command when the last commands were sent. The period is the time between two SYNCs [s];
@@ -63,7 +63,8 @@ class CycleClock:
         self.has_kernel_sync = has_kernel_sync
         self.next_event = math.inf
         self.sync_time = 0.0
-        self.sync_stamp = self.smooth_stamp = 0.0
+        self.sync_stamp = 0.0
+        self.smooth_time = -math.inf
         self.late_in_a_row = 0
         self.overdue_in_a_row = 0
         self.is_open = False
@@ -214,16 +215,21 @@ class CycleClock:
 
     def _open(self, time: float, stamp: float) -> None:
         self.sync_time, self.sync_stamp = time, stamp
-        periods = round((stamp - self.smooth_stamp) / self.period)
-        expected = self.smooth_stamp + periods * self.period
-        is_new = not self.smooth_stamp or abs(stamp - expected) > JITTER * self.period
-        self.smooth_stamp = (
-            stamp if is_new else expected + JITTER_SHARE * (stamp - expected)
-        )
+        self.smooth_time = self._smoothed(time)
         self._answers = 0
         share = ANSWERS_DUE if self.has_kernel_sync else FIRST_ANSWER_DUE
         self.next_event = time + share * self.period
         self.is_open = True
+
+    def _smoothed(self, time: float) -> float:
+        """Return the time of a SYNC without its jitter [s]; a SYNC far from its time counts."""
+        if math.isinf(self.smooth_time):
+            return time
+        periods = round((time - self.smooth_time) / self.period)
+        expected = self.smooth_time + periods * self.period
+        if abs(time - expected) > JITTER * self.period:
+            return time
+        return expected + JITTER_SHARE * (time - expected)
 
     def finish(self, now: float) -> bool:
         """

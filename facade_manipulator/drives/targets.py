@@ -143,7 +143,7 @@ class TargetSupervisor:
 
     def command(self, clock: CycleClock, now: float) -> None:
         """Choose the targets of a cycle; a source that fails stops the group."""
-        reach_time = clock.smooth_stamp + self._lead
+        reach_time = clock.smooth_time + self._lead
         self._remember()
         try:
             if clock.held:
@@ -176,7 +176,7 @@ class TargetSupervisor:
         """
         Choose the targets of a cycle: the carriage positions until the drives are enabled.
 
-        `reach_time` is when the drives reach the targets, on the system clock [s]. Raises a
+        `reach_time` is when the drives reach the targets, on the monotonic clock [s]. Raises a
         ManipulatorError if the source has failed, or a target must not go to the drives.
         """
         group, before, source = self._group, self._state, self.mechanism.source

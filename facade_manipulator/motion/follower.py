@@ -194,7 +194,7 @@ class SetpointFollower:
 
     def add(self, setpoint: Setpoint, now: float) -> None:
         """
-        Add a setpoint to the stream at the present time of its clock [s].
+        Add a setpoint to the stream at the present time on the monotonic clock [s].
 
         Raises
         ------
@@ -230,7 +230,7 @@ class SetpointFollower:
         """
         Return the positions [m] to command for `reach_time`, inside the motion limits.
 
-        `reach_time` is the time on the setpoints' clock at which the carriages reach the command
+        `reach_time` is the time on the monotonic clock at which the carriages reach the command
         [s].
 
         Raises an InputError if `reset` was never called.
@@ -258,8 +258,6 @@ class SetpointFollower:
         block the stream.
         """
         newest = self._stream.newest()
-        if newest and newest[0][0] > now + EARLIEST:
-            return None  # the clock was set back
         if newest and time <= min(newest[0][0], self._sampled):
             raise InputError(
                 'out_of_order',

@@ -7,7 +7,7 @@ from operator import itemgetter
 from typing import Generic, TypeVar
 
 Value = TypeVar('Value')
-KEPT_TIME = 2.0  # s, longer than any message is late or early unless a clock was set
+KEPT_TIME = 2.0  # s, longer than any message is late or early
 _time = itemgetter(0)
 
 

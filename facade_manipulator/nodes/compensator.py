@@ -39,7 +39,9 @@ from facade_manipulator.nodes.conversions import (
     pose_stamped,
     ros_time,
     stamp,
+    steady_seconds,
     steady_timer,
+    system_time,
 )
 from facade_manipulator.nodes.diagnostics import (
     diagnostic_status,
@@ -247,8 +249,8 @@ class CompensatorNode(Node):
         if child != self._frames.rail:
             place = self._compensator.gate.displacement(place)
         self._compensator.add_estimate(
-            ros_time(),
-            messages.seconds(message.header.stamp),
+            monotonic(),
+            steady_seconds(message.header.stamp),
             place,
             variances,
             self._out_of_plane.tilt,
@@ -256,49 +258,52 @@ class CompensatorNode(Node):
 
     def _receive_head(self, message: PoseStamped) -> None:
         self._compensator.following.add_head(
-            messages.seconds(message.header.stamp),
+            steady_seconds(message.header.stamp),
             messages.planar_pose(message.pose, 'end_effector_pose'),
         )
 
     def _receive_wrench(self, message: WrenchStamped) -> None:
         self._compensator.contact.add_wrench(
-            ros_time(),
-            messages.seconds(message.header.stamp),
+            monotonic(),
+            steady_seconds(message.header.stamp),
             messages.planar_wrench(message),
         )
 
     def _receive_lateral_offset(self, message: PointStamped) -> None:
         self._compensator.contact.add_lateral_offset(
-            ros_time(), messages.seconds(message.header.stamp), message.point.x
+            monotonic(), steady_seconds(message.header.stamp), message.point.x
         )
 
     def _update(self) -> None:
-        now = ros_time()
+        now = monotonic()
         if self._transform.is_subscribed:
-            self._transform.publish(now, self._compensator.correction.rail(now))
+            rail = self._compensator.correction.rail(now)
+            self._transform.publish(system_time(now), rail)
         with self.diagnostics.counted():
             corrected = self._compensator.update(now)
             if corrected is None:
                 return
             self.corrected_poses.publish(
                 pose_stamped(
-                    self._frames.rail, corrected.time, corrected.pose, self._message
+                    self._frames.rail,
+                    system_time(corrected.time),
+                    corrected.pose,
+                    self._message,
                 )
             )
             if self._references.get_subscription_count():
                 self._references.publish(
                     pose_stamped(
-                        self._frames.facade, corrected.reach_time, corrected.reference
+                        self._frames.facade,
+                        system_time(corrected.reach_time),
+                        corrected.reference,
                     )
                 )
 
     def _report_change(self) -> None:
         """Publish the progress of the goal, and diagnostics that have changed."""
-        now = ros_time()
-        if (
-            self._waiting is not None
-            and monotonic() - self._waiting.received > STATUS_PERIOD
-        ):
+        now = monotonic()
+        if self._waiting is not None and now - self._waiting.received > STATUS_PERIOD:
             self._reject_waiting()
         self._progress.update(now)
         self.diagnostics.publish_change(
@@ -307,7 +312,7 @@ class CompensatorNode(Node):
 
     def _components(self) -> list[DiagnosticStatus]:
         correction = report.correction_component(
-            self._compensator, ros_time(), self.inputs.fault, self._out_of_plane
+            self._compensator, monotonic(), self.inputs.fault, self._out_of_plane
         )
         return [
             diagnostic_status(*one)
@@ -339,11 +344,11 @@ class CompensatorNode(Node):
         return response
 
     def _tare(self) -> str:
-        place = self._compensator.correction.tare(ros_time())
+        place = self._compensator.correction.tare(monotonic())
         return f'the nominal position of the rail is now {millimetres(place)}'
 
     def _hold(self) -> str:
-        self._goal = Goal(monotonic(), '', self._compensator.hold(ros_time()))
+        self._goal = Goal(monotonic(), '', self._compensator.hold(monotonic()))
         self._progress.end(f'{topics.HOLD.name} was called')
         return f'the head stays on the wall at {millimetres(self._goal.pose)}'
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
 import math
-import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -19,6 +18,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from facade_manipulator import topics
+from facade_manipulator.canopen.clock import Clock as Clocks
+from facade_manipulator.canopen.clock import SteadyTime
 from facade_manipulator.kinematics import (
     Geometry,
     Mechanism,
@@ -28,16 +29,28 @@ from facade_manipulator.kinematics import (
     urdf,
 )
 from facade_manipulator.motion.limits import Vector
-from facade_manipulator.nodes.messages import CARRIAGES, Frames
+from facade_manipulator.nodes.messages import CARRIAGES, Frames, seconds
 
 JOINTS_PERIOD = (
     0.05  # s: robot_state_publisher publishes transforms at 20 Hz by default
 )
+_CLOCKS = Clocks()
+_STEADY_TIME = SteadyTime(_CLOCKS)
 
 
 def ros_time() -> float:
     """Return the present ROS time [s] of the system clock, because nodes reject `use_sim_time`."""
-    return time.time()
+    return _CLOCKS.time()
+
+
+def steady_seconds(stamp: Any) -> float:
+    """Return a stamp as a time on the monotonic clock [s], because the system clock may be set."""
+    return _STEADY_TIME.from_stamp(seconds(stamp))
+
+
+def system_time(time: float) -> float:
+    """Return a time on the monotonic clock [s] as a time on the system clock [s]."""
+    return _STEADY_TIME.to_stamp(time)
 
 
 def steady_timer(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 import math
+from time import monotonic
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -24,17 +25,13 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import POSE_AXES
 from facade_manipulator.nodes.conversions import (
     fill_pose,
-    ros_time,
     stamp,
+    steady_seconds,
     steady_timer,
+    system_time,
 )
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
-from facade_manipulator.nodes.messages import (
-    estimated_pose,
-    Frames,
-    require_measured,
-    seconds,
-)
+from facade_manipulator.nodes.messages import estimated_pose, Frames, require_measured
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
@@ -87,8 +84,8 @@ class DisturbanceEstimatorNode(Node):
             require_measured(f'imu {quantity}', covariance[0], largest)
         rates, forces = message.angular_velocity, message.linear_acceleration
         self._estimator.add_imu(
-            ros_time(),
-            seconds(message.header.stamp),
+            monotonic(),
+            steady_seconds(message.header.stamp),
             (rates.x, rates.y, rates.z),
             (forces.x, forces.y, forces.z),
         )
@@ -102,24 +99,25 @@ class DisturbanceEstimatorNode(Node):
             )
         require_measured(name, message.variance)
         self._estimator.add(
-            name, ros_time(), seconds(message.header.stamp), message.range
+            name, monotonic(), steady_seconds(message.header.stamp), message.range
         )
 
     def _receive_fix(self, name: str, message: PointStamped) -> None:
         self._estimator.add(
-            name, ros_time(), seconds(message.header.stamp), message.point.x
+            name, monotonic(), steady_seconds(message.header.stamp), message.point.x
         )
 
     def _receive_pose(self, name: str, message: PoseWithCovarianceStamped) -> None:
         """Add the measured axes of a pose."""
-        now, time = ros_time(), seconds(message.header.stamp)
+        now = monotonic()
+        time = steady_seconds(message.header.stamp)
         pose, _, variances = estimated_pose(message, name)
         for axis, value, variance in zip(Pose._fields, pose, variances, strict=True):
             if is_measured(variance):
                 self._estimator.add(f'{name}.{axis}', now, time, value, variance)
 
     def _publish(self) -> None:
-        motion = self._motion = self._estimator.advance(ros_time())
+        motion = self._motion = self._estimator.advance(monotonic())
         if motion is not None and motion.stamp != self._published:
             self._published = motion.stamp
             self._odometry.publish(self._odometry_message(motion))
@@ -132,7 +130,7 @@ class DisturbanceEstimatorNode(Node):
 
     def _odometry_message(self, motion: RailMotion) -> Odometry:
         message = self._message
-        message.header.stamp = stamp(motion.stamp)
+        message.header.stamp = stamp(system_time(motion.stamp))
         fill_pose(message.pose.pose, motion.pose)
         message.pose.covariance.reshape(6, 6)[PLANAR] = motion.covariance
         linear, angular = message.twist.twist.linear, message.twist.twist.angular
@@ -141,9 +139,9 @@ class DisturbanceEstimatorNode(Node):
         return message
 
     def _components(self) -> list[DiagnosticStatus]:
-        estimator, motion, now = self._estimator, self._motion, ros_time()
+        estimator, motion, now = self._estimator, self._motion, monotonic()
         values: dict[str, Any] = {
-            f'event {event.stamp:.2f}': event.text
+            f'event {system_time(event.stamp):.2f}': event.text
             for event in list(estimator.events)[-5:]
         }
         if motion is not None:

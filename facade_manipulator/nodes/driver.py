@@ -33,7 +33,7 @@ from facade_manipulator.errors import DriveError, DriveStateError, InputError
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.nodes import driver_diagnostics
-from facade_manipulator.nodes.conversions import joint_state, ros_time, steady_timer
+from facade_manipulator.nodes.conversions import joint_state, steady_timer, system_time
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_setup import declare_setup
 from facade_manipulator.nodes.driver_status import (
@@ -89,7 +89,7 @@ class DriverNode(ManagedNode):
         self._status_due, self._active_since = (
             -math.inf,
             math.inf,
-        )  # s: monotonic; ROS time
+        )  # s, monotonic
         self._drive_faults, self._was_stopped = 0, False
 
         self._joint_states = self.create_publisher(*topics.JOINT_STATES)
@@ -229,13 +229,13 @@ class DriverNode(ManagedNode):
         if snapshot.state is not ControllerState.ACTIVE:
             self._active_since = math.inf
         elif math.isinf(self._active_since):
-            self._active_since = ros_time()
+            self._active_since = now
         status, outcome = (
             DriverStatus(
                 snapshot.state.value,
                 self._loop.stream_status().activity,
                 snapshot.next_step,
-                self._active_since,
+                system_time(self._active_since),
                 snapshot.power,
             ),
             self._outcome(snapshot),

@@ -27,7 +27,9 @@ from facade_manipulator.nodes.conversions import (
     joint_state,
     pose_stamped,
     ros_time,
+    steady_seconds,
     steady_timer,
+    system_time,
 )
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_status import DriverWatch
@@ -54,9 +56,9 @@ class IkServiceNode(Node):
         self._approach_timer = steady_timer(
             self, APPROACH_PERIOD, self._continue_approach, autostart=False
         )
-        self._followed_time = (
-            self._followed_at
-        ) = -math.inf  # of the last goal: stamp; monotonic
+        # of the last goal, on the monotonic clock [s]: its instant, its reception
+        self._followed_time = -math.inf
+        self._followed_at = -math.inf
         self._waiting: tuple[float, Pose] | None = (
             None  # goal before activation, when received
         )
@@ -85,12 +87,15 @@ class IkServiceNode(Node):
         self.create_service(*topics.SOLVE, self._solve)
 
     def _receive_corrected_pose(self, message: PoseStamped) -> None:
-        time, now = messages.seconds(message.header.stamp), ros_time()
-        messages.require_recent_command('corrected_pose', time, now)
-        self._follow(time or now, messages.planar_pose(message.pose, 'corrected_pose'))
+        stamp = messages.seconds(message.header.stamp)
+        messages.require_recent_command('corrected_pose', stamp, ros_time())
+        pose = messages.planar_pose(message.pose, 'corrected_pose')
+        self._follow(
+            steady_seconds(message.header.stamp) if stamp else monotonic(), pose
+        )
 
     def _follow(self, time: float, pose: Pose) -> None:
-        """Follow a pose of a stream for a time [s]; approach a single pose."""
+        """Follow a pose of a stream for a time [s, monotonic]; approach a single pose."""
         if self._driver.idle:
             self._stream.certify(pose)
             self._waiting = monotonic(), pose
@@ -101,7 +106,7 @@ class IkServiceNode(Node):
         self._followed_time, self._followed_at = time, monotonic()
         if is_single and self._head is not None:
             self._stream.certify(pose)
-            begin = ros_time() + LEAD
+            begin = monotonic() + LEAD
             if self._approach_timer.is_canceled():  # the head is at rest
                 self._approach.initialise(begin, HeadMotion(self._head), pose)
             else:
@@ -112,7 +117,7 @@ class IkServiceNode(Node):
             self._send(time, pose)
 
     def _continue_approach(self) -> None:
-        time = ros_time() + LEAD
+        time = monotonic() + LEAD
         if time >= self._approach.arrival():
             self._approach_timer.cancel()
         try:
@@ -122,8 +127,13 @@ class IkServiceNode(Node):
             self._end_approach(None, error)
 
     def _send(self, time: float, pose: Pose) -> None:
-        setpoint = self._stream.setpoint(time, pose)
-        self._setpoints.publish(joint_state(*setpoint, message=self._setpoint_message))
+        """Publish the setpoint of a pose for a time [s, monotonic]."""
+        _, position, velocity = self._stream.setpoint(time, pose)
+        self._setpoints.publish(
+            joint_state(
+                system_time(time), position, velocity, message=self._setpoint_message
+            )
+        )
         self._setpoint_count += 1
         self._rejected = ''
         self.diagnostics.publish_change(self._outcome())
@@ -198,7 +208,7 @@ class IkServiceNode(Node):
         if self._waiting is not None and self._driver.may_move(self._waiting[0]):
             (_, pose), self._waiting = self._waiting, None
             with self.diagnostics.counted():
-                self._follow(ros_time(), pose)
+                self._follow(monotonic(), pose)
         self.diagnostics.publish_change(self._outcome())
 
     def _change_publishers(self) -> None:
