@@ -4,8 +4,9 @@ from collections import defaultdict, deque
 from dataclasses import replace
 import math
 
-from bus_world import at_rest, configured, HOME, in_motion, Rig, SETTINGS
+from bus_world import at_rest, configured, HOME, in_motion, LEAD, Rig, SETTINGS
 from frames import decode_rpdo1
+import numpy as np
 import pytest
 
 from facade_manipulator.canopen import pdo
@@ -20,6 +21,7 @@ pytestmark = pytest.mark.long
 
 OFF = [State.SWITCH_ON_DISABLED] * 3
 FEED_PERIOD = 0.02  # s
+SLOW = 0.05  # m/s
 RAMP_TIME = 3.0  # s, the longest way to rest and power off
 
 
@@ -166,6 +168,37 @@ def test_invalid_messages_and_requests_keep_the_loop():
     failed, answered = rig.sent['reply']
     assert failed[:2] == (3, False) and 'not configured' in failed[2]
     assert answered[:2] == (7, True) and 'power: confirmed off' in answered[2]
+
+
+def delayed_stream(step):
+    """Return commands [m] of a slow stream while the system clock is set by a step [s]."""
+    rig = LoopRig()
+    at_rest(rig)
+    start = rig.follower.motion.position
+    begin = rig.clock.now
+    on_their_way = deque()
+    commanded = []
+    for cycle in range(100):
+        if cycle == 50:
+            rig.clock.offset += step
+        way = SLOW * (rig.clock.now - begin + LEAD)
+        on_their_way.append(
+            (rig.clock.time() + LEAD, tuple(q + way for q in start), (SLOW,) * 3)
+        )
+        if len(on_their_way) > 2:  # cycles from the sender to the loop
+            rig.loop._handlers['setpoint'](*on_their_way.popleft())
+        rig.cycles(1)
+        commanded.append(rig.follower.motion.position)
+    assert rig.state is ControllerState.ACTIVE, rig.all_causes
+    return np.array(commanded)
+
+
+@pytest.mark.parametrize('step', [-30.0, -0.4, -0.3, -0.05, 0.05, 0.3, 30.0])
+def test_setpoints_sent_before_a_clock_step_hardly_delay_carriages(step):
+    """Two setpoints have wrong times: the delay is at most the way of five cycles."""
+    deviation = delayed_stream(step) - delayed_stream(0.0)
+    assert abs(deviation).max() < 5.0 * SLOW * SETTINGS.period
+    assert abs(deviation[-1]).max() < 1e-5
 
 
 @pytest.mark.parametrize('rate', [100, 500])

@@ -254,7 +254,7 @@ class Walk(RuleBasedStateMachine):
         ahead=st.floats(-0.3, 1.5),
     )
     def send_any_setpoint(self, position, velocity, ahead: float) -> None:
-        now = self.rig.clock.time()
+        now = self.rig.clock.monotonic()
         with suppress(ManipulatorError):
             self.rig.follower.add(Setpoint(now + ahead, position, velocity), now)
         self.rig.run(0.02)

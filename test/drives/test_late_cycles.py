@@ -6,11 +6,13 @@ from dataclasses import replace
 import math
 
 from bus_world import at_rest, SETTINGS
+import numpy as np
 import pytest
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.motion.follower import SetpointFollower
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.simulation.drives.motor import SimulationSettings
@@ -122,13 +124,32 @@ def test_three_steps_in_a_row_that_end_late_stop(make_rig):
     assert 'the control loop was late 3 cycles in a row' in rig.all_causes
 
 
-def test_set_system_clock_neither_moves_nor_stops_the_drives(rig):
+def streamed(rig, *steps):
+    """Return the commanded positions [m] while the system clock is set by some steps [s]."""
+    commanded = []
+
+    def sample(reach_time):
+        commanded.append(SetpointFollower.sample(rig.follower, reach_time))
+        return commanded[-1]
+
     at_rest(rig)
+    rig.follower.sample = sample
     rig.stream()
-    for step in (-30.0, 5.0, 30.0, -0.3):
+    for step in steps:
         rig.clock.offset += step
         rig.run(0.5)
         assert rig.state is ControllerState.ACTIVE, rig.all_causes
+    return np.array(commanded)
+
+
+@pytest.mark.parametrize('has_kernel_sync', [False, True])
+def test_set_system_clock_neither_moves_nor_stops_the_drives(make_rig, has_kernel_sync):
+    steps = (0.0, -0.3, -30.0, -0.05, 0.05, 5.0, -0.15, 0.3, 30.0, -0.4)
+    rigs = [make_rig(has_kernel_sync=has_kernel_sync) for _ in range(2)]
+    expected = streamed(rigs[0], *[0.0] * len(steps))
+    commanded = streamed(rigs[1], *steps)
+    assert commanded == pytest.approx(expected, abs=1e-5)
+    assert rigs[1].follower.brakes == 0
 
 
 @pytest.mark.parametrize('lower', [SLOWER, SMOOTHER])

@@ -159,7 +159,7 @@ def test_target_is_requested_for_the_arrival_time():
     drives, asked = Drives(lag=0.013), []
     drives.source.sample = lambda time: asked.append(time) or START
     drives.group.state, drives.group.follows = ACTIVE, True
-    clock = SimpleNamespace(smooth_stamp=100.0, held=0.0)
+    clock = SimpleNamespace(smooth_time=100.0, held=0.0)
     drives.group.commands = (ON,) * 3
     drives.targets.command(clock, 0.0)
     assert asked == pytest.approx([100.0 + 2.0 * T + 0.013])

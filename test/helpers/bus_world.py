@@ -19,6 +19,7 @@ from fake_bus import BusWorld
 
 from facade_manipulator.canopen import sdo
 from facade_manipulator.canopen.bus import Frame
+from facade_manipulator.canopen.clock import SteadyTime
 from facade_manipulator.control_loop.channel import LoopSetup
 from facade_manipulator.control_loop.control_loop import checked_follower
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES, Triple
@@ -62,6 +63,7 @@ class Rig(BusWorld):
         super().__init__(drives or [*map(SimulatedDrive, axes)], has_kernel_sync)
         self.settings, self.axes = settings, axes
         self._told = 0
+        self._steady_time = SteadyTime(self.clock)
         self.follower, checked = checked_follower(
             LoopSetup(Geometry(), settings, axes, limits=limits or MotionLimits())
         )
@@ -250,14 +252,14 @@ class Rig(BusWorld):
         with suppress(ManipulatorError):  # a setpoint that is rejected moves nothing
             self.follower.add(
                 Setpoint(
-                    self.clock.time() + LEAD,
+                    self._steady_time.from_stamp(self.clock.time() + LEAD),
                     tuple(
                         q + offset
                         for q, offset in zip(self._base, offsets, strict=True)
                     ),
                     tuple(speeds),
                 ),
-                self.clock.time(),
+                self.clock.monotonic(),
             )
 
 

@@ -130,17 +130,6 @@ def test_follower_without_reset_rejects_sampling():
         made.add(sine(0.0), 0.0)
 
 
-@pytest.mark.parametrize('step', [-30.0, -5.0, 5.0, 30.0])
-def test_stream_continues_after_the_clock_was_set(step):
-    made = follower()
-    commanded = run(made, 0.0, 1.0)[-3:]
-    commanded += run(
-        made, 1.0 + step, 2.0 + step, lambda time: sine(time - step)._replace(time=time)
-    )
-    assert commanded[-1] == pytest.approx(sine(2.01).position, abs=1e-6)
-    require_limits(commanded, LIMITS, PERIOD)
-
-
 @pytest.mark.parametrize('strays', [[50], [50, 51, 52, 53]])
 def test_later_setpoints_replace_setpoints_far_ahead(strays):
     made = follower()

@@ -16,6 +16,7 @@ from facade_manipulator import topics
 from facade_manipulator.control_loop.channel import Channel
 from facade_manipulator.control_loop.control_loop import ControlLoop
 from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.conversions import ros_time
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
 from facade_manipulator.nodes.driver import DriverNode
@@ -88,7 +89,7 @@ class NodeBench:
         }
 
     def now(self):
-        return self.node.get_clock().now().nanoseconds * 1e-9
+        return ros_time()
 
     def _make_publisher(self, topic):
         publisher = self.node.create_publisher(*topic)

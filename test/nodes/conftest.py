@@ -2,10 +2,12 @@
 
 import gc
 import signal
+import time
 from types import SimpleNamespace
 
 import pytest
 
+from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.nodes import run
 
 
@@ -20,3 +22,13 @@ def handlers(monkeypatch):
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+@pytest.fixture
+def set_clock(monkeypatch):
+    """Return a function that sets the system clock of all nodes ahead by a time [s]."""
+
+    def set_ahead(step):
+        monkeypatch.setattr(Clock, 'time', staticmethod(lambda: time.time() + step))
+
+    return set_ahead

@@ -114,7 +114,7 @@ def test_single_pose_is_approached_from_the_head(bench):
             (b - a) / (then - now)
             for (now, a), (then, b) in pairwise(zip(times, q3, strict=True))
         )
-        <= ReferenceSettings().speed[0] + 1e-6
+        <= ReferenceSettings().speed[0] + 1e-4  # stamps are rounded to 0.24 us
     )
 
 

@@ -1,5 +1,7 @@
 """Compensator and ik_service in one process, with calls instead of messages between them."""
 
+from time import monotonic
+
 from nodes.bench import NodeBench
 
 from facade_manipulator import topics
@@ -34,7 +36,7 @@ def test_external_subscribers_receive_the_messages_between_both_nodes(ros):
     )
     following = both.tested._compensator.following
     ros.until(
-        lambda: both.setpoints and following.newest(ros_time()), 'setpoints and head'
+        lambda: both.setpoints and following.newest(monotonic()), 'setpoints and head'
     )
     between = topics.CORRECTED_POSE, topics.END_EFFECTOR_POSE
     assert [both.node.count_subscribers(topic.name) for topic in between] == [0, 0]
