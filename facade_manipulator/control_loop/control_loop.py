@@ -41,11 +41,7 @@ from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.motion.braking import fastest_near
 from facade_manipulator.motion.follower import SetpointFollower
-from facade_manipulator.motion.guard import (
-    homing_guard,
-    measured_guard,
-    mechanism_guard,
-)
+from facade_manipulator.motion.guard import homing_guard, measured_guard, path_guard
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
@@ -62,7 +58,7 @@ def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismCheck
 
     Raises the ParameterErrors of `StoppingAnalysis.check`.
     """
-    guard = mechanism_guard(setup.geometry)
+    guard = path_guard(setup.geometry)
     follower = SetpointFollower(
         setup.stream,
         setup.limits,

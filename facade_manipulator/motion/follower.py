@@ -39,9 +39,6 @@ TOLERATED = (
 )
 OLDEST = 0.2  # s, maximum age of a setpoint: an older one is useless
 EARLIEST = 0.5  # s, the longest horizon of a compensator: beyond it a clock is wrong
-# s, between checked positions of a path to rest: a cycle at 100 Hz. A check costs more than any
-# other part of a cycle, and faster cycles do not make the path longer.
-CHECK_INTERVAL = 0.01
 
 
 @settings
@@ -119,7 +116,6 @@ class SetpointFollower:
         self.brakes = 0
         self.last_rejection = ''  #: reason of the last brake before a forbidden path
         self._period = period
-        self._check_every = max(1, round(CHECK_INTERVAL / period))  # cycles
         self._fastest = self._hardest = 0.0
         self.change_limits(limits)
         self._check = check
@@ -341,9 +337,9 @@ class SetpointFollower:
         """
         path = limiter.stop(motion)
         positions = [position for position, _, _ in reversed(path)]
-        # The end of the path is checked first, because it fails most often. Each target is checked
-        # once more before it is sent.
-        self._check(*positions[:: self._check_every])
+        # The end of the path is checked first, because it fails most often. Each position is a
+        # target if the carriages brake, and is then checked once more before it is sent.
+        self._check(*positions)
         fastest = max([abs(speed) for _, velocity, _ in path for speed in velocity])
         # This is rare: two carriages are near each other.
         if fastest > self._fastest_at(*positions):
