@@ -9,11 +9,13 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.errors import ManipulatorError, StrokeLimitError
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.follower import (
     Activity,
     SetpointFollower,
     StreamSettings,
 )
+from facade_manipulator.motion.guard import mechanism_guard, path_guard
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.motion.timed_buffer import TimedBuffer
@@ -276,6 +278,62 @@ def test_motion_without_allowed_path_brakes_on_the_previous_one(monkeypatch):
     assert made.activity is Activity.HOLDING and made.brakes == 1
     assert made.last_rejection == 'no path'
     require_limits(before + commanded, LIMITS, PERIOD)
+
+
+@pytest.mark.parametrize('rate', [50, 100, 250, 333, 500])
+def test_every_position_of_a_brake_was_checked(rate):
+    period = 1.0 / rate
+    checked = set()
+    made = follower(lambda *path: checked.update(map(tuple, path)), period=period)
+    braked = []
+    for cycle in range(2 * rate):
+        now = cycle * period
+        if now % 0.4 < 0.2:
+            with suppress(ManipulatorError):
+                made.add(sine(now + 0.03, 0.2), now)
+        else:
+            made.hold()
+        position = made.sample(now + LEAD)
+        if made.activity is Activity.BRAKING:
+            braked.append(position)
+    assert len(braked) > 10
+    assert [position for position in braked if position not in checked] == []
+
+
+@settings(max_examples=12)
+@given(
+    rate=st.sampled_from((50, 100, 250, 333, 500)),
+    amplitude=st.floats(0.02, 0.1),
+    speed=st.floats(0.1, 0.4),
+    silence=st.floats(0.2, 0.9),
+)
+def test_stream_along_the_gap_never_commands_a_rejected_target(
+    rate, amplitude, speed, silence
+):
+    guard = mechanism_guard(Geometry())
+    period = 1.0 / rate
+    start = (-0.021, 0.021, 0.0)
+    made = follower(path_guard(Geometry()), start, period)
+    frequency = speed / amplitude
+    for cycle in range(rate):
+        now = cycle * period
+        time = now + 0.03
+        way = amplitude * (1.0 - math.cos(frequency * time))
+        rate_of_way = amplitude * frequency * math.sin(frequency * time)
+        nearer = 0.001 * math.sin(20.0 * time)
+        nearing = 0.02 * math.cos(20.0 * time)
+        target = (start[0] + way + nearer, start[1] + way, way)
+        if now < silence:
+            with suppress(ManipulatorError):
+                made.add(
+                    Setpoint(
+                        time,
+                        target,
+                        (rate_of_way + nearing, rate_of_way, rate_of_way),
+                    ),
+                    now,
+                )
+        guard(made.sample(now + LEAD))
 
 
 def keeps_gap(*path):

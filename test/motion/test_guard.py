@@ -2,6 +2,8 @@ import math
 
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from mechanism import VARIANTS
+import numpy as np
 import pytest
 
 from facade_manipulator.errors import LimitError, ParameterError
@@ -10,6 +12,7 @@ from facade_manipulator.motion.guard import (
     homing_guard,
     measured_guard,
     mechanism_guard,
+    path_guard,
 )
 
 GEOMETRY = Geometry()
@@ -69,6 +72,25 @@ def test_impossible_positions_are_rejected_with_their_limit(check, positions, me
 def test_path_is_rejected_at_its_first_impossible_position(path):
     rejections = [rejection(guard, positions) for positions in path]
     assert rejection(guard, *path) == next(filter(None, rejections), '')
+
+
+@pytest.mark.parametrize(
+    'geometry',
+    [
+        GEOMETRY,
+        MADE,
+        *VARIANTS,
+        Geometry(backlash=(0.01, 0.008, 0.0), stroke=(-0.3, 0.3)),
+    ],
+)
+def test_path_guard_decides_as_the_mechanism_guard(geometry):
+    fast = path_guard(geometry)
+    exact = mechanism_guard(geometry)
+    distances = np.random.default_rng(0).uniform(-0.02, 0.65, (20_000, 2))
+    for number, (left, right) in enumerate(distances.tolist()):
+        q3 = 0.4 * math.sin(number)
+        positions = (q3 - left, q3 + right, q3)
+        assert rejection(fast, positions) == rejection(exact, positions)
 
 
 @pytest.mark.parametrize(
