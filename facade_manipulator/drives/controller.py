@@ -23,6 +23,7 @@ from facade_manipulator.drives import realtime
 from facade_manipulator.drives.controller_settings import STATES_RATE
 from facade_manipulator.drives.requests import CLOSING_TIMEOUT, REQUESTS, Session
 from facade_manipulator.drives.snapshot import (
+    AxisSnapshot,
     Cause,
     ControllerSnapshot,
     ControllerState,
@@ -153,8 +154,9 @@ class DriveController(Session):
             self._turn()
         except BusError as error:
             self.lose(error)
-            if self._operation is not None and self._operation.name != 'close':
-                self._reply(self._operation, error)
+            operation = self._operation
+            if operation is not None and operation.request.needs_bus:
+                self._reply(operation, error)
             self._publish()
         except (
             Exception
@@ -172,14 +174,9 @@ class DriveController(Session):
         self._cut_forbidden_power()
         if self._operation is not None:
             self._resume(self._operation)
-        cycles = (
-            self.exchange.clock.statistics.cycles if self.exchange is not None else 0
-        )
-        if (
-            cycles % self._every == 0
-            or self._present_state() is not self._snapshot.state
-        ):
+        if self._is_due() or self._present_state() is not self._snapshot.state:
             self._publish()
+        cycles = self.exchange.clock.statistics.cycles if self.exchange else 0
         if self.is_configured and cycles % self.settings.rate == 0:
             realtime.collect_garbage()
 
@@ -284,20 +281,12 @@ class DriveController(Session):
 
     def _publish(self) -> None:
         """Replace the snapshot: at 100 Hz, in each new state and when a request ends."""
-        state, now = self._present_state(), self.now
+        state = self._present_state()
+        self._published_at = self.now
         snapshot = ControllerSnapshot(
             state,
             None,
-            tuple(
-                [
-                    one.snapshot(target, now)
-                    for one, target in zip(
-                        self.monitors,
-                        self.targets.positions or (None,) * 3,
-                        strict=True,
-                    )
-                ]
-            ),
+            self._axes(),
             self.group.causes,
             self._next_step(state),
             self._rejected + self.notes,
@@ -313,6 +302,21 @@ class DriveController(Session):
             )
         self._snapshot = snapshot
         self.observe(snapshot)
+
+    def _axes(self) -> tuple[AxisSnapshot, ...]:
+        """Return the snapshots of the axes; behind a lost bus all values are old at once."""
+        targets = self.targets.positions or (None,) * 3
+        axes = []
+        for monitor, target in zip(self.monitors, targets, strict=True):
+            axis = monitor.snapshot(target, self.now)
+            axes.append(axis._replace(is_silent=True) if self.lost else axis)
+        return tuple(axes)
+
+    def _is_due(self) -> bool:
+        """Return whether a snapshot is due: at a share of the cycles, or of the time without."""
+        if self.exchange is None or not self.exchange.has_started:
+            return self.now - self._published_at >= 1.0 / STATES_RATE
+        return self.exchange.clock.statistics.cycles % self._every == 0
 
     def _present_state(self) -> ControllerState:
         if self.is_closed:

@@ -16,6 +16,7 @@ control thread waits only for the next frame or the next deadline.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sized
 from functools import partial
 import math
@@ -85,7 +86,10 @@ class CyclicExchange:
         self._waits_for_sync = False
         self._has_local_sync = False  # whether our SYNC returns marked as sent here
         #: `read_until`: time [s] until which all received frames have been read
-        self._pumped = self._sent = self.read_until = self._now()
+        self._pumped = self.read_until = self._now()
+        #: since when the send queue is full [s]; network management commands that wait for room
+        self._full_since = math.inf
+        self._waiting_commands: deque[tuple[str, int]] = deque()
         self._routes: dict[
             int, Route
         ] = {  # this master does not receive its own frames
@@ -242,6 +246,7 @@ class CyclicExchange:
                     Remedy.COMPUTER,
                 )
             )
+        self._send_waiting_commands()
         self.read_until = now if frame is None else frame.time
         if frame is not None:
             self._dispatch(frame)
@@ -289,7 +294,7 @@ class CyclicExchange:
         for monitor in group.monitors:
             if monitor.name in group.not_responding - taken_out:  # despite a quick stop
                 monitor.expect('STOPPED')
-                self.bus.command('STOPPED', monitor.axis.node_id)
+                self.command('STOPPED', monitor.axis.node_id)
 
     def _failures(self) -> list[Cause]:
         """Return the causes of a stop by silent drives, and by the cycle unless stopped."""
@@ -355,9 +360,28 @@ class CyclicExchange:
 
     def _send(self, cob_id: int, data: bytes = b'') -> None:
         """Send a frame; a queue that is full now may have room in the next cycle."""
+        self._try_to_send(partial(self.bus.send, cob_id, data))
+
+    def command(self, name: str, node_id: int) -> None:
+        """Send a network management command to a node, as soon as the send queue has room."""
+        self._waiting_commands.append((name, node_id))
+        self._send_waiting_commands()
+
+    def _send_waiting_commands(self) -> None:
+        while self._waiting_commands:
+            send = partial(self.bus.command, *self._waiting_commands[0])
+            if not self._try_to_send(send):
+                return
+            self._waiting_commands.popleft()
+
+    def _try_to_send(self, send: Callable[[], None]) -> bool:
+        """Return whether a frame was sent; raise if the queue is full for `LONGEST_UNSENT`."""
         try:
-            self.bus.send(cob_id, data)
-            self._sent = self._pumped
+            send()
         except BusCongestedError:
-            if self._pumped - self._sent >= LONGEST_UNSENT:
+            self._full_since = min(self._full_since, self._pumped)
+            if self._pumped - self._full_since >= LONGEST_UNSENT:
                 raise
+            return False
+        self._full_since = math.inf
+        return True

@@ -157,7 +157,7 @@ class Session:
         if self.exchange is not None:
             for one in monitors:
                 one.expect(name)
-                self.exchange.bus.command(name, one.axis.node_id)
+                self.exchange.command(name, one.axis.node_id)
 
     def close_bus(self) -> None:
         """Leave the drives in NMT pre-operational, close the bus, and forget all drives."""
@@ -510,13 +510,17 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
     if (
         unsure and not session.lost
     ):  # PDOs may not reach the drives, and stopped ones have no SDO
-        session.command('PRE-OPERATIONAL', unsure)
-        states = yield from _each(session, Drive.switch_off, ASKING_TIMEOUT)
-        unsure = [
-            one
-            for one, state in zip(session.monitors, states, strict=True)
-            if one in unsure and state not in UNPOWERED_STATES
-        ]
+        try:
+            session.command('PRE-OPERATIONAL', unsure)
+            states = yield from _each(session, Drive.switch_off, ASKING_TIMEOUT)
+        except BusError as error:
+            session.lose(error)
+        else:
+            unsure = [
+                one
+                for one, state in zip(session.monitors, states, strict=True)
+                if one in unsure and state not in UNPOWERED_STATES
+            ]
     reason = (
         f'the bus is lost, {session.lost}'
         if session.lost
@@ -597,6 +601,7 @@ class Request(NamedTuple):
     #: whether the drives must be configured, or must not; None if both are possible
     needs_drives: bool | None = True
     interrupts: bool = False  #: whether it cancels another request
+    needs_bus: bool = True  #: whether it fails if the bus is lost meanwhile
 
 
 REQUESTS = {
@@ -607,8 +612,12 @@ REQUESTS = {
     'halt': Request(halt, ControllerState.HALTING, interrupts=True),
     'clear_faults': Request(clear_faults, ControllerState.CLEARING),
     'self_test': Request(self_test, ControllerState.TESTING),
-    'cleanup': Request(cleanup, ControllerState.CLEANING_UP),
+    'cleanup': Request(cleanup, ControllerState.CLEANING_UP, needs_bus=False),
     'close': Request(
-        close, ControllerState.CLEANING_UP, needs_drives=None, interrupts=True
+        close,
+        ControllerState.CLEANING_UP,
+        needs_drives=None,
+        interrupts=True,
+        needs_bus=False,
     ),
 }
