@@ -4,8 +4,17 @@ from __future__ import annotations
 
 import random
 
-from bus_world import at_rest, configured, in_motion, SETTINGS, SITUATIONS
+from bus_world import (
+    at_rest,
+    configured,
+    in_motion,
+    SETTINGS,
+    SITUATIONS,
+    SWITCH_HOMING,
+)
 from canopen import SdoAbortedError
+from drive_faults import deaf_to_rpdo
+from fake_bus import FakeBus
 import pytest
 
 from facade_manipulator.canopen import pdo
@@ -298,3 +307,78 @@ def test_unmarked_sync_is_foreign_where_ours_is_marked(make_rig):
     assert rig.state is ControllerState.ACTIVE
     rig.forge(pdo.SYNC_COB_ID)
     rig.until(lambda: rig.state is ControllerState.STOPPED, 0.02)
+
+
+@pytest.mark.parametrize('situation', SITUATIONS)
+def test_power_is_unknown_at_once_behind_a_lost_bus(make_rig, situation):
+    rig = make_rig(axes=SWITCH_HOMING)
+    SITUATIONS[situation](rig)
+    powers = []
+    observe = rig.controller.observe
+
+    def record(snapshot):
+        observe(snapshot)
+        if snapshot.state is ControllerState.BUS_LOST:
+            powers.append(snapshot.power)
+
+    rig.controller.observe = record
+    rig.bus_error = BusError('can0 is down')
+    rig.run(1.5)
+    assert {*powers} <= {'unknown'}
+
+
+@pytest.mark.parametrize('cycles', range(0, 30, 3))
+def test_cleanup_with_lost_bus_names_drives_not_confirmed_off(rig, cycles):
+    at_rest(rig)
+    rig.controller.stop('the operator stops')
+    rig.until_stopped()
+    for drive in rig.drives:
+        deaf_to_rpdo(drive)
+    job = rig.ask('cleanup')
+    rig.cycles(cycles)
+    rig.bus_error = BusError('can0 is down')
+    rig.until(job.done)
+    message = str(job.exception())
+    assert 'q3 (node 3) is not confirmed off: the bus is lost, can0 is down' in message
+    assert rig.state is ControllerState.UNCONFIGURED
+
+
+@pytest.mark.parametrize(
+    'number', range(9)
+)  # three each: reset, pre-operational, operational
+def test_congested_network_command_is_sent_later(rig, monkeypatch, number):
+    send = FakeBus.send
+    commands = []
+
+    def congested(bus, cob_id, *content):
+        if cob_id == pdo.NMT_COB_ID:
+            commands.append(content)
+            if len(commands) == number + 1:
+                raise BusCongestedError('can0: the send queue is full')
+        return send(bus, cob_id, *content)
+
+    monkeypatch.setattr(FakeBus, 'send', congested)
+    rig.request('configure', 'home', 'activate')
+    assert len(commands) > number
+    assert not rig.controller.lost
+
+
+def has_started(rig):
+    """Return whether the cycle has started."""
+    exchange = rig.controller.exchange
+    return exchange is not None and exchange.has_started
+
+
+def test_states_during_configure_are_at_most_100_a_second(rig):
+    observed = []
+    observe = rig.controller.observe
+
+    def record(snapshot):
+        observe(snapshot)
+        observed.append(snapshot.state)
+
+    rig.controller.observe = record
+    begin = rig.clock.now
+    job = rig.ask('configure')
+    rig.until(lambda: job.done() or has_started(rig))
+    assert len(observed) <= 100.0 * (rig.clock.now - begin) + 10
