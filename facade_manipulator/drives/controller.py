@@ -191,7 +191,7 @@ class DriveController(Session):
 
     def _cut_forbidden_power(self) -> None:
         if self.forbidden and (self.group.state.has_power or self.group.is_stopped):
-            self._stop_for(Cause(self.forbidden, cut_power=True))
+            self._stop_for(Cause(self.forbidden, cut_power=True, is_requested=True))
 
     def _begin(self, operation: Operation) -> None:
         if self.is_closed:

@@ -91,6 +91,7 @@ class Cause:
     configure_again: bool = False
     #: whether a further cause of the same axis may say more: why the drive is silent, or in fault
     is_vague: bool = False
+    is_requested: bool = False  #: whether a supervisor has requested the stop
 
     def next_step(self, is_homed: bool) -> str:
         """Return the action of the operator, then the names of the requests in their order."""

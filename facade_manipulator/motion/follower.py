@@ -40,6 +40,11 @@ TOLERATED = (
 OLDEST = 0.2  # s, maximum age of a setpoint: an older one is useless
 EARLIEST = 0.5  # s, the longest horizon of a compensator: beyond it a clock is wrong
 
+# causes of a brake
+SILENT = 'no setpoint was received for longer than stream.stale_after'
+ENDED = 'the driver ended the stream of setpoints'
+LOWERED = 'the carriages were faster than the lowered limits'
+
 
 @settings
 class StreamSettings:
@@ -76,7 +81,7 @@ class StreamStatus(NamedTuple):
     activity: str = 'holding'
     limited_cycles: int = 0  #: cycles in which the limits slowed the carriages
     brakes: int = 0  #: number of forced brakes
-    last_brake: str = ''  #: reason of the last brake before a forbidden path
+    last_brake: str = ''  #: cause of the last forced brake
 
 
 class SetpointFollower:
@@ -114,7 +119,7 @@ class SetpointFollower:
         #: number of cycles in which the limits slowed the carriages; number of forced brakes
         self.limited_cycles = 0
         self.brakes = 0
-        self.last_rejection = ''  #: reason of the last brake before a forbidden path
+        self.last_brake = ''  #: cause of the last forced brake
         self._period = period
         self._fastest = self._hardest = 0.0
         self.change_limits(limits)
@@ -140,7 +145,7 @@ class SetpointFollower:
     def status(self) -> StreamStatus:
         """Return the present activity and the counters."""
         return StreamStatus(
-            self.activity.value, self.limited_cycles, self.brakes, self.last_rejection
+            self.activity.value, self.limited_cycles, self.brakes, self.last_brake
         )
 
     def change_limits(self, limits: MotionLimits) -> None:
@@ -239,7 +244,7 @@ class SetpointFollower:
         self._motion_before = self.motion
         target = self._target(reach_time)
         self.motion = (
-            self._brake(self.motion)
+            self._brake(self.motion, self._silence())
             if target is None
             else self._follow(self.motion, *target)
         )
@@ -314,15 +319,14 @@ class SetpointFollower:
         """Return the motion to the target if a path from there to rest exists, else braking."""
         limiter = self._limiter
         if not limiter.allows(before, limiter.limits.speed):
-            return self._brake(before)
+            return self._brake(before, LOWERED)
         limiter.speed = min(limiter.limits.speed, self._fastest_at(before.position))
         direct = limiter.reach(before, position, velocity)
         try:
             motion = direct or limiter.chase(before, position, velocity)
             self._stop = self._checked_stop(limiter, motion)
         except ManipulatorError as error:
-            self.last_rejection = str(error)
-            return self._brake(before)
+            return self._brake(before, str(error))
         self.activity = Activity.FOLLOWING if direct else Activity.LIMITED
         self.limited_cycles += direct is None
         return motion
@@ -352,12 +356,18 @@ class SetpointFollower:
                 )
         return islice(accumulate(path[1:], limiter.advance, initial=motion), 1, None)
 
-    def _brake(self, before: CarriageMotion) -> CarriageMotion:
+    def _silence(self) -> str:
+        """Return why the stream has no target."""
+        return SILENT if self._stream.newest() else ENDED
+
+    def _brake(self, before: CarriageMotion, cause: str) -> CarriageMotion:
         """Return the next motion on the path to rest that was checked with the present motion."""
         motion = next(self._stop, None)
         if motion is None:
             self.activity = Activity.HOLDING
             return CarriageMotion(before.position)
-        self.brakes += self.activity is not Activity.BRAKING
+        if self.activity is not Activity.BRAKING:
+            self.brakes += 1
+            self.last_brake = cause
         self.activity = Activity.BRAKING
         return motion

@@ -49,8 +49,6 @@ from facade_manipulator.nodes.run import run
 from facade_manipulator.nodes.settings import DriverSettings
 from facade_manipulator.nodes.software_stop import SoftwareStop
 
-STOPPED_STATES = (ControllerState.STOPPED, ControllerState.LOST)
-
 
 class DriverNode(ManagedNode):
     """
@@ -90,7 +88,7 @@ class DriverNode(ManagedNode):
             -math.inf,
             math.inf,
         )  # s, monotonic
-        self._drive_faults, self._was_stopped = 0, False
+        self._stops = driver_diagnostics.StopCounter()
 
         self._joint_states = self.create_publisher(*topics.JOINT_STATES)
         self._message = JointState(name=CARRIAGES)  # of each joint state
@@ -211,10 +209,8 @@ class DriverNode(ManagedNode):
         snapshot = self._loop.snapshot()
         self._apply_software_stop()
         self.finish_jobs()
-        if snapshot.state in STOPPED_STATES and not self._was_stopped:
-            self._drive_faults += 1
-            self.get_logger().error(f'{snapshot.cause}; next: {snapshot.next_step}')
-        self._was_stopped = snapshot.state in STOPPED_STATES
+        if stop := self._stops.count(snapshot):
+            self.get_logger().error(stop)
         self._publish_status()
         if not snapshot.state.is_active:
             self.fall_back(
@@ -265,7 +261,7 @@ class DriverNode(ManagedNode):
                 snapshot,
                 self._loop.stream_status(),
                 self._outcome(snapshot),
-                {'drive faults': self._drive_faults, **self._constants},
+                self._stops.values | self._constants,
             ),
             driver_diagnostics.bus_status(snapshot, not self._is_simulated),
             *map(driver_diagnostics.axis_status, snapshot.axes),

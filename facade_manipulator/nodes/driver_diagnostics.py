@@ -24,7 +24,37 @@ WARNINGS = (ControllerState.HALTED, ControllerState.HALTING)
 # Share of LATE_WINDOW cycles. At 100 Hz without priority, on two processors: at most 0.2 % beside
 # idle programs; at least 0.8 % in each window with three late cycles in a row, beside busy ones
 MAX_LATE_SHARE = 0.005
+_BUS_WORDS = {
+    ControllerState.UNCONFIGURED: 'closed',
+    ControllerState.CLOSED: 'closed',
+    ControllerState.CONFIGURING: 'configuring',
+}
 FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+
+
+class StopCounter:
+    """Counters of the stops, for the node that looks at each new state of the drives."""
+
+    def __init__(self) -> None:
+        self._state: ControllerState | None = None  # of the present stop
+        self._counts = {'drive faults': 0, 'software stops': 0}
+
+    @property
+    def values(self) -> dict[str, int]:
+        """Return the counts as values of /diagnostics."""
+        return dict(self._counts)
+
+    def count(self, snapshot: ControllerSnapshot) -> str:
+        """Count a new stop; return its message for the log, ``''`` for none."""
+        before = self._state
+        self._state = snapshot.state if snapshot.state in ERRORS else None
+        if self._state in (None, before):
+            return ''
+        is_requested = self._state is ControllerState.STOPPED and any(
+            cause.is_requested for cause in snapshot.causes[:1]
+        )
+        self._counts['software stops' if is_requested else 'drive faults'] += 1
+        return f'{snapshot.bus_error or snapshot.cause}; next: {snapshot.next_step}'
 
 
 def operation_status(
@@ -108,7 +138,9 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
     }
     if snapshot.bus_error:
         return diagnostic_status('bus', 'error', snapshot.bus_error, values)
-    is_open = snapshot.state is not ControllerState.UNCONFIGURED
+    if snapshot.state is ControllerState.LOST:
+        lost = f'unknown: {snapshot.cause}; next: {snapshot.next_step}'
+        return diagnostic_status('bus', 'error', lost, values)
     late = overload(snapshot)
     wants_priority = snapshot.realtime_priority == 0 and (is_real or late)
     is_disturbed = bus.condition != 'active' or bus.overflows
@@ -125,7 +157,7 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
     return diagnostic_status(
         'bus',
         'warn' if any(warnings) else 'ok',
-        joined('open' if is_open else 'closed', *warnings),
+        joined(_BUS_WORDS.get(snapshot.state, 'open'), *warnings),
         values,
     )
 
