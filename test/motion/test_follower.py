@@ -276,7 +276,7 @@ def test_motion_without_allowed_path_brakes_on_the_previous_one(monkeypatch):
     monkeypatch.setattr(made._limiter, 'stop', reject)
     commanded = run(made, 1.0, 2.0)
     assert made.activity is Activity.HOLDING and made.brakes == 1
-    assert made.last_rejection == 'no path'
+    assert made.last_brake == 'no path'
     require_limits(before + commanded, LIMITS, PERIOD)
 
 
@@ -430,6 +430,32 @@ def test_held_commands_continue_with_the_velocity_after_braking(held):
     )
     require_limits([start, before, *after], LIMITS, PERIOD)
     assert after[-1] == pytest.approx(fast(pause + 1.51).position, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('begin', 'cause'),
+    [
+        (lambda made: made.hold(), 'the driver ended the stream of setpoints'),
+        (lambda made: None, 'no setpoint was received'),
+        (
+            lambda made: made.change_limits(replace(LIMITS, speed=0.01)),
+            'faster than the lowered limits',
+        ),
+        (lambda made: setattr(made, '_check', reject), 'no path'),
+    ],
+)
+def test_last_brake_names_the_cause_of_each_brake(begin, cause):
+    made = follower()
+    made.last_brake = 'an earlier brake'
+    run(made, -0.5, 0.0)
+    assert made.activity is Activity.FOLLOWING
+    begin(made)
+    for cycle in range(30):
+        run(made, cycle * PERIOD, (cycle + 1) * PERIOD, None)
+        if made.activity is Activity.BRAKING:
+            break
+    assert made.brakes == 1
+    assert cause in made.last_brake
 
 
 def test_held_commands_without_path_end_at_rest():

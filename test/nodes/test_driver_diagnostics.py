@@ -14,9 +14,11 @@ from facade_manipulator.motion.follower import StreamStatus
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
+    ERRORS,
     group_outcome,
     MAX_LATE_SHARE,
     operation_status,
+    StopCounter,
 )
 from facade_manipulator.nodes.messages import status_level, status_values
 
@@ -61,6 +63,58 @@ def test_bus_component_warns_of_computer_priority_and_controller(
     assert status_level(status) == ('warn' if warnings else 'ok')
     assert all(warning in status.message for warning in ('open', *warnings))
     assert warnings or status.message == 'open'
+
+
+BUS_MESSAGES = {
+    ControllerState.UNCONFIGURED: ('ok', 'closed'),
+    ControllerState.CLOSED: ('ok', 'closed'),
+    ControllerState.CONFIGURING: ('ok', 'configuring'),
+    ControllerState.LOST: ('error', 'unknown: the loop has ended; next: configure'),
+    ControllerState.BUS_LOST: ('error', 'can0 is down'),
+}
+
+
+@pytest.mark.parametrize('state', ControllerState)
+def test_bus_component_has_the_state_of_the_bus(state):
+    snapshot = ControllerSnapshot(
+        state,
+        1.0,
+        (),
+        (Cause('the loop has ended', ''),),
+        'configure',
+        bus_error='can0 is down' if state is ControllerState.BUS_LOST else '',
+    )
+    status = bus_status(snapshot)
+    found = (status_level(status), status.message)
+    assert found == BUS_MESSAGES.get(state, ('ok', 'open'))
+
+
+@pytest.mark.parametrize('state', ControllerState)
+@pytest.mark.parametrize('is_requested', [False, True])
+def test_each_stop_is_counted_and_logged_once(state, is_requested):
+    counter = StopCounter()
+    stop = ControllerSnapshot(
+        state, 1.0, (), (Cause('cause', is_requested=is_requested),), 'activate'
+    )
+    active = ControllerSnapshot(ControllerState.ACTIVE, 1.0, ())
+    lines = [counter.count(one) for one in (active, stop, stop, active, stop)]
+    is_stop = state in ERRORS
+    line = 'cause; next: activate' if is_stop else ''
+    assert lines == ['', line, '', '', line]
+    is_wanted = is_requested and state is ControllerState.STOPPED
+    stops = 2 if is_stop else 0
+    assert counter.values == {
+        'drive faults': 0 if is_wanted else stops,
+        'software stops': stops if is_wanted else 0,
+    }
+
+
+def test_bus_lost_after_a_stop_is_logged_with_its_error():
+    counter = StopCounter()
+    stop = ControllerSnapshot(ControllerState.STOPPED, 1.0, (), (Cause('first'),))
+    counter.count(stop)
+    lost = stop._replace(state=ControllerState.BUS_LOST, bus_error='can0 is down')
+    assert counter.count(lost).startswith('can0 is down')
 
 
 def test_operation_and_bus_values_have_units_of_their_keys():
