@@ -8,12 +8,20 @@ all its messages, because it cannot attribute them to either publisher.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic
 from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import (
+    qos_check_compatible,
+    qos_profile_sensor_data,
+    QoSCompatibility,
+    QoSPolicyKind,
+    QoSProfile,
+)
 
 from facade_manipulator.errors import InputError, LimitError, ManipulatorError
 from facade_manipulator.nodes.conversions import steady_timer
@@ -27,6 +35,21 @@ BOUND = 1  # publisher of a topic
 NEXT = 'next: end one of the nodes, or wait 20 s if one has crashed'
 ANY_PUBLISHER = qos_profile_sensor_data  # compatible with every publisher
 NAMELESS = '_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_'  # until the name arrives
+GRAPH_DELAY = 5.0  # s: the middleware may report a publisher before the graph lists it
+# words of the quality of service that a subscription requires, by the kind of its policy
+POLICIES = {
+    QoSPolicyKind.RELIABILITY: 'reliability is best effort, required is reliable',
+    QoSPolicyKind.DURABILITY: 'durability is volatile, required is transient local',
+}
+
+
+@dataclass
+class IncompatiblePublisher:
+    """Publisher of a topic whose quality of service excludes the subscription."""
+
+    fault: str
+    expected_until: float  #: when the graph must list the publisher [s, monotonic]
+    was_in_graph: bool = False
 
 
 class DirectPublisher:
@@ -68,9 +91,9 @@ class PublisherWatch:
         self._node, self._diagnostics, self._on_change = node, diagnostics, on_change
         self._names: list[str] = []
         self._faults: dict[str, str] = {}  # of the topics with a second publisher
-        self._incompatible: dict[
-            str, str
-        ] = {}  # of those whose publisher cannot be received
+        # by topic: publishers whose messages cannot be received
+        self._incompatible: dict[str, IncompatiblePublisher] = {}
+        self._qos: dict[str, QoSProfile] = {}  # of the subscriptions, by topic
         steady_timer(node, LOOK_PERIOD, self.look)
 
     def watch(self, topic: Topic) -> None:
@@ -116,9 +139,9 @@ class PublisherWatch:
         """
         name = topic.name
         self._names.append(name)
+        self._qos[name] = topic.subscription_qos
 
         def receive(message: Any) -> None:
-            self._incompatible.pop(name, None)
             try:
                 self.require_sole(name)
                 if frame_id:
@@ -133,11 +156,14 @@ class PublisherWatch:
         def count(status: Any) -> None:
             self._count(name, status.current_count)
 
-        def report_incompatible(_: object) -> None:
-            self._incompatible[name] = (
-                f'{name} has an incompatible publisher: its quality of service is not reliable'
+        def report_incompatible(status: Any) -> None:
+            words = POLICIES.get(
+                QoSPolicyKind(status.last_policy_kind), 'quality of service'
             )
-            self._diagnostics.reject(InputError('quality', self._incompatible[name]))
+            fault = f'{name} has an incompatible publisher: its {words}'
+            end = monotonic() + GRAPH_DELAY
+            self._incompatible[name] = IncompatiblePublisher(fault, end)
+            self._diagnostics.reject(InputError('quality', fault))
             self._on_change()
 
         self._node.create_subscription(
@@ -170,7 +196,10 @@ class PublisherWatch:
 
     def fault_of(self, name: str) -> str:
         """Return the fault of a topic: two publishers, or one that cannot be received."""
-        return self._faults.get(name, '') or self._incompatible.get(name, '')
+        incompatible = self._incompatible.get(name)
+        return self._faults.get(name, '') or (
+            incompatible.fault if incompatible else ''
+        )
 
     @property
     def fault(self) -> str:
@@ -182,6 +211,23 @@ class PublisherWatch:
         """Count the publishers of all topics."""
         for name in self._names:
             self._count(name)
+        for name in [*self._incompatible]:
+            self._look_for_incompatible(name)
+
+    def _look_for_incompatible(self, name: str) -> None:
+        """Forget an incompatible publisher that has left the graph."""
+        topic = self._node.resolve_topic_name(name)
+        is_in_graph = any(
+            qos_check_compatible(one.qos_profile, self._qos[name])[0]
+            is QoSCompatibility.ERROR
+            for one in self._node.get_publishers_info_by_topic(topic)
+        )
+        found = self._incompatible[name]
+        if is_in_graph:
+            found.was_in_graph = True
+        elif found.was_in_graph or monotonic() > found.expected_until:
+            del self._incompatible[name]
+            self._on_change()
 
     def _count(self, name: str, matched: int = 0) -> None:
         """Count the publishers of a topic; a match may precede the graph."""
