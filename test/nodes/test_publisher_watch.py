@@ -62,20 +62,32 @@ def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros, topic):
     assert inputs.changes[-1] == ''
 
 
-def test_best_effort_publisher_is_reported_until_a_message(ros):
+@pytest.mark.parametrize(
+    ('topic', 'qos', 'words'),
+    [
+        (JOINT_STATES, SENSOR, 'reliability is best effort, required is reliable'),
+        (
+            topics.DRIVER_STATUS,
+            topics.NEWEST,
+            'durability is volatile, required is transient local',
+        ),
+    ],
+)
+def test_incompatible_publisher_is_reported_until_it_leaves(ros, topic, qos, words):
     inputs, driver = Inputs(ros), ros.node('driver')
-    made = driver.create_publisher(*JOINT_STATES._replace(qos=SENSOR))
+    if topic is not JOINT_STATES:
+        inputs.watch.subscribe(topic, inputs.received.append)
+    made = driver.create_publisher(*topic._replace(qos=qos))
     ros.until(lambda: inputs.diagnostics.last_rejection, 'the rejection')
-    assert (
-        'joint_states has an incompatible publisher'
-        in inputs.diagnostics.last_rejection
-    )
-    assert inputs.watch.fault_of(NAME) == inputs.diagnostics.last_rejection
+    fault = f'{topic.name} has an incompatible publisher: its {words}'
+    assert inputs.diagnostics.last_rejection == fault
+    for _ in range(3):
+        inputs.watch.look()
+        assert inputs.watch.fault_of(topic.name) == fault
+    changes = len(inputs.changes)
     driver.destroy_publisher(made)
-    reliable = driver.create_publisher(*JOINT_STATES)
-    ros.until(reliable.get_subscription_count, 'the subscription')
-    reliable.publish(JointState())
-    ros.until(lambda: not inputs.watch.fault_of(NAME), 'the message')
+    ros.until(lambda: not inputs.watch.fault_of(topic.name), 'the end of the fault')
+    assert len(inputs.changes) > changes
 
 
 @pytest.mark.parametrize(
