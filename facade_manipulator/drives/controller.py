@@ -263,7 +263,6 @@ class DriveController(Session):
 
     def _recover(self, error: Exception) -> None:
         """Stop the drives for an unexpected error; the loop continues."""
-        _log.exception('the control loop failed')
         cause = Cause(
             f'the control loop failed: {type(error).__name__}: {error}', 'report this'
         )
@@ -272,6 +271,8 @@ class DriveController(Session):
                 self.exchange.stop_for(cause)
         if self.is_configured:
             self.group.stop(cause, self.now)
+        # after the stop, because the traceback reads source files
+        _log.error('the control loop failed', exc_info=error)
         self._wake.clear()
         self.clock.wait(
             self._wake, self.settings.period

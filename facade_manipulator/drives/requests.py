@@ -22,7 +22,7 @@ import gc
 from itertools import chain
 from typing import Any, NamedTuple, TypeVar
 
-from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen import emergency, pdo
 from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.sdo import expedited_download
@@ -96,6 +96,7 @@ class Session:
             settings,
             step_timeout=settings.step_timeout + max(axis.stop_time for axis in axes),
         )
+        emergency.read_faults()  # a first fault must not wait for the table
         self._profiles = tuple(load_profile(axis.profile) for axis in axes)
         self.axes = tuple(
             profile.applied(axis)
