@@ -1,0 +1,26 @@
+"""First fault of a process: nothing is loaded before the drives are commanded to stop."""
+
+import json
+from pathlib import Path
+import subprocess
+import sys
+
+from drives.first_fault import FAULTS
+import pytest
+
+pytestmark = pytest.mark.long
+
+SCRIPT = Path(__file__).parent / 'first_fault.py'
+# An ordinary turn has up to 300 calls; reading the table of error codes has 40,000.
+MOST_CALLS = 1000
+
+
+@pytest.mark.parametrize('name', FAULTS)
+def test_first_fault_of_a_process_loads_nothing_before_the_stop(name):
+    output = subprocess.run(
+        [sys.executable, SCRIPT, name], check=True, capture_output=True, text=True
+    ).stdout
+    result = json.loads(output.splitlines()[-1])
+    assert result['cause']
+    assert result['loaded'] == []
+    assert result['calls'] < MOST_CALLS
