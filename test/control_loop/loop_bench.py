@@ -1,4 +1,7 @@
-"""Setup of a control loop with simulated drives."""
+"""Setup of a control loop with simulated drives, and requests to it."""
+
+from concurrent.futures import Future
+import inspect
 
 from facade_manipulator.control_loop.channel import LoopSetup
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
@@ -15,3 +18,20 @@ SETUP = LoopSetup(
     DEFAULT_AXES,
     simulate='facade_manipulator.simulation.drives.simulator:start_simulator',
 )
+
+
+def ask(client, name):
+    """Send a request to a loop; return a future of its reply or its error."""
+    if 'on_reply' not in inspect.signature(client.request).parameters:
+        return client.request(name)
+    answer = Future()
+
+    def receive(reply):
+        if isinstance(reply, Exception):
+            answer.set_exception(reply)
+        else:
+            answer.set_result(reply)
+
+    client.request(name, receive)
+    client.read()  # a lost loop replies at once
+    return answer

