@@ -1,25 +1,23 @@
 """
 Node's side of the control loop: start of its process, requests, setpoints and states.
 
-Only `start` and `close` wait. The node reads the states when it feeds the loop or takes states. A
-thread that waits for them would take the interpreter from the executor in each cycle. The node
-does not restart a process that has ended: the drives have stopped, and the operator configures
-again.
+Only the first start and `close` wait. The node reads the messages of the loop when it feeds the
+loop or takes states. A thread that waited for them would take the interpreter from the executor in
+each cycle. The node restarts a process that has ended only for the next `configure`: the drives
+have stopped, and the operator configures them again.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property
 from itertools import count
+import math
 import socket
 import subprocess
 import sys
-from threading import Lock
 import time
 from typing import Any
 
@@ -36,14 +34,15 @@ from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.resources import import_path
 
-CLOSE_TIMEOUT = (
-    8.0  # s: more than the loop takes to ramp down, power off and close the bus
-)
+START_TIMEOUT = 30.0  # s
+# s: more than the loop takes to ramp down, power off and close the bus
+CLOSE_TIMEOUT = 8.0
 # feeds, 3 s: without a bus the loop sends a state each second. The bound is not a time, because a
 # node that hung itself finds old states of a healthy loop.
 MAX_UNANSWERED = 60
-# 30 s: some interfaces take long to open, and nothing runs then
+# 30 s: a process takes long to start, some interfaces take long to open, and nothing runs then
 MAX_UNANSWERED_WITHOUT_BUS = {
+    ControllerState.LOST: 600,  # the state until a restarted loop sends its own
     ControllerState.UNCONFIGURED: 600,
     ControllerState.BUS_LOST: 600,
 }
@@ -76,14 +75,18 @@ def start_process(end: socket.socket) -> subprocess.Popen[bytes]:
     )
 
 
+#: takes the reply to a request: its result, or the error with which it failed
+OnReply = Callable[[Any], None]
+
+
 class LoopClient:
     """
-    Interface of the node to the control loop.
+    Interface of the node to the control loop, which one thread uses.
 
-    A loop that is started again receives the present limits. `on_rejection` takes reason and
-    message of a setpoint that the loop has rejected, and is called by `read`. The result of
-    `launch` needs only `wait` and `kill` of a process. Raises a ManipulatorError if the process
-    does not start, or its settings contradict each other.
+    `on_rejection` takes reason and message of a setpoint that the loop has rejected. It is called
+    by `read`, as is the function that takes the reply to a request. The result of `launch` needs
+    only `wait` and `kill` of a process. Raises a ManipulatorError if the process does not start,
+    or its settings contradict each other.
     """
 
     def __init__(
@@ -96,75 +99,71 @@ class LoopClient:
         self._on_rejection = on_rejection
         self._launch = launch
         self._numbers = count()
-        self._reading = Lock()
-        self._ending = Lock()
-        # held while the state of a loop changes that a loop started later must also have
-        self._changing = Lock()
-        self._forbidden = self._remedy = ''
-        self._closing = False
+        #: newest message of the loop
+        self._state: tuple[ControllerSnapshot, StreamStatus]
+        #: requests without a reply, by number
+        self._pending: dict[int, OnReply] = {}
+        #: replies that were received, and not passed on yet
+        self._replies: deque[tuple[OnReply, Any]] = deque()
+        # states that the node has not taken yet, at most those of two seconds
+        self._states: deque[ControllerSnapshot] = deque(maxlen=200)
+        self._forbidden = ''
+        self._remedy = ''
+        self._close_due = math.inf  #: end of the time for `shut_down` [s, monotonic]
+        self._at_end: list[OnReply] = []
+        self._last_reply: Any = None  #: to `shut_down`
         self.start()
+        self._wait_for_start()
 
     def start(self) -> None:
         """
-        Start the process and wait until it is ready, without a change of the drives.
+        Start a process, also after the end of the last; `read` receives its first state.
 
-        Raises a ManipulatorError if the process does not start, or `close` was called.
+        Raises a ManipulatorError if the system starts no process.
         """
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        channel = Channel(ours)
         with theirs:
-            process = self._launch(theirs)
-        kind, content = '', None  # type: str, Any
-        channel.send('setup', self._setup)
-        with suppress(ConnectionError):
-            kind, content = channel.receive(30.0) or (kind, content)  # s
-        if kind != 'state':
-            _end(process)
-            channel.close()
-            if kind == 'failed':
-                raise ParameterError(*content)
-            raise ManipulatorError(
-                'the process of the control loop did not start; next: read its output above'
-            )
-        with self._changing:
-            if self._closing:
-                _end(process)
-                channel.close()
-                raise ManipulatorError('the control loop is closed')
-            self._connect(process, channel, content)
-
-    def _connect(
-        self,
-        process: subprocess.Popen[bytes],
-        channel: Channel,
-        state: tuple[ControllerSnapshot, StreamStatus],
-    ) -> None:
-        """Use a loop that is ready, and send the state that it must have."""
-        self._jobs: dict[int, Future[Any]] = {}
+            try:
+                self._process = self._launch(theirs)
+            except OSError as error:
+                ours.close()
+                raise ManipulatorError(
+                    f'the process of the control loop did not start: {error}; next: '
+                    'end other programs on this computer'
+                ) from error
+        self._channel = Channel(ours)
         self._unanswered = 0
-        self._state = state
-        # states that the node has not taken yet, at most those of two seconds
-        self._states: deque[ControllerSnapshot] = deque(maxlen=200)
-        self._process = process
-        self._channel = channel
-        # not before: `feed` would read the closed channel of the last loop
         self._is_lost = False
-        # the limits may have changed after the setup was sent
+        self._channel.send('setup', self._setup)
         self._channel.send('forbid', self._forbidden, self._remedy)
-        self._channel.send('limits', self._setup.limits)
+
+    def _wait_for_start(self) -> None:
+        """Wait for the first message of the loop."""
+        message = None
+        with suppress(ConnectionError):
+            message = self._channel.receive(START_TIMEOUT)
+        kind, content = message or ('', ())
+        if kind == 'state':
+            self._state = content
+            return
+        _end(self._process)
+        self._channel.close()
+        if kind == 'failed':
+            raise ParameterError(*content)
+        raise ManipulatorError(
+            'the process of the control loop did not start; next: read its output above'
+        )
 
     # --- to the loop
 
-    def request(self, name: str) -> Future[Any]:
-        """Request a transition or a test; return a future of the reply or its error."""
-        job: Future[Any] = Future()
-        job.set_running_or_notify_cancel()  # now it can no longer be cancelled
+    def request(self, name: str, on_reply: OnReply) -> None:
+        """Request a transition or a test; `read` passes the reply to a function."""
         number = next(self._numbers)
-        self._jobs[number] = job
-        self._channel.send('request', number, name)
+        self._pending[number] = on_reply
         if self._is_lost:
-            self._fail_jobs(self.snapshot().cause or 'the control loop is closed')
-        return job
+            self._reject_pending(self.snapshot().cause or 'the control loop is closed')
+        else:
+            self._channel.send('request', number, name)
 
     def send_setpoint(self, setpoint: Setpoint) -> None:
         """Pass a setpoint to the loop; `on_rejection` receives its rejection."""
@@ -179,14 +178,18 @@ class LoopClient:
         """
         self._channel.send('feed')
         self.read()
+        if self._is_lost:
+            return
         self._unanswered += 1
         bound = MAX_UNANSWERED_WITHOUT_BUS.get(self.snapshot().state, MAX_UNANSWERED)
-        if self._unanswered > bound and not self._is_lost:
+        if self._unanswered > bound:
             _end(self._process)  # its drives miss the master's heartbeat and stop
             self._lose(
                 f'the control loop has sent no state while it was fed '
                 f'{self._unanswered} times, bound {bound}, and was ended; {STOP}'
             )
+        elif time.monotonic() > self._close_due:
+            self._end_closed(0.0)
 
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once."""
@@ -194,17 +197,15 @@ class LoopClient:
 
     def forbid_power(self, cause: str, remedy: str = '') -> None:
         """Forbid power, also to a loop that is started later, until a call with ``''``."""
-        with self._changing:
-            if (cause, remedy) != (self._forbidden, self._remedy):
-                self._forbidden = cause
-                self._remedy = remedy
-                self._channel.send('forbid', cause, remedy)
+        if (cause, remedy) != (self._forbidden, self._remedy):
+            self._forbidden = cause
+            self._remedy = remedy
+            self._channel.send('forbid', cause, remedy)
 
     def change(self, limits: MotionLimits) -> None:
         """Replace the limits of motion from the next cycle."""
-        with self._changing:
-            self._setup = replace(self._setup, limits=limits)
-            self._channel.send('limits', limits)
+        self._setup = replace(self._setup, limits=limits)
+        self._channel.send('limits', limits)
 
     def apply_forces(self, forces: Sequence[float]) -> None:
         """Apply forces along the rail [N] to the carriages of simulated drives."""
@@ -223,38 +224,43 @@ class LoopClient:
     def take_states(self) -> list[ControllerSnapshot]:
         """Return the states received since the last call, at most 100 per second."""
         self.read()
-        return [self._states.popleft() for _ in range(len(self._states))]
+        states = [*self._states]
+        self._states.clear()
+        return states
 
     def read(self) -> None:
-        """Receive the messages that the loop has sent."""
-        if self._is_lost or not self._reading.acquire(blocking=False):
-            return  # no message arrives any longer, or another thread receives just now
+        """Receive the messages that the loop has sent, then pass the replies on."""
         try:
-            while message := self._channel.receive(0.0):
+            while not self._is_lost and (message := self._channel.receive(0.0)):
                 self._unanswered = 0
-                kind, content = message
-                if kind == 'state':
-                    self._state = content
-                    self._states.append(content[0])
-                elif kind == 'rejected':
-                    self._on_rejection(*content)
-                elif kind == 'reply':
-                    number, succeeded, answer = content
-                    job = self._jobs.pop(number)
-                    if succeeded:
-                        job.set_result(answer)
-                    else:
-                        job.set_exception(DriveError(answer))
+                self._handle(*message)
         except ConnectionError:
             status = _end(self._process, 1.0)
             self._lose(
                 f'the control loop has ended by itself, exit status {status}; '
                 f'{POWER_OFF if status == 0 else STOP}'
             )
-        finally:
-            self._reading.release()
+        while self._replies:  # an exception of one leaves the others for the next call
+            on_reply, reply = self._replies.popleft()
+            on_reply(reply)
+
+    def _handle(self, kind: str, content: tuple[Any, ...]) -> None:
+        """Handle a message of the loop."""
+        if kind == 'state':
+            self._state = content
+            self._states.append(content[0])
+        elif kind == 'rejected':
+            self._on_rejection(*content)
+        elif kind == 'reply':
+            number, succeeded, answer = content
+            reply = answer if succeeded else DriveError(answer)
+            self._replies.append((self._pending.pop(number), reply))
+        elif kind == 'failed':  # a loop that was started again
+            _end(self._process, 1.0)
+            self._lose(f'the control loop did not start: {content[0]}')
 
     def _lose(self, reason: str) -> None:
+        """Note the end of the process, and reject the requests without a reply."""
         if self._is_lost:
             return
         snapshot, status = self._state
@@ -263,48 +269,76 @@ class LoopClient:
             None,
             tuple(AxisSnapshot(one.name, one.node_id) for one in snapshot.axes),
         )
-        if not self._closing:
+        if not self._is_closing:
             lost = lost._replace(
                 state=ControllerState.LOST,
                 next_step=LOST_REMEDY,
                 causes=(Cause(reason, LOST_REMEDY),),
             )
-        self._is_lost, self._state = True, (lost, status)
+        self._is_lost = True
+        self._state = (lost, status)
         self._channel.close()
-        self._fail_jobs(reason)
+        self._reject_pending(reason)
 
-    def _fail_jobs(self, reason: str) -> None:
+    def _reject_pending(self, reason: str) -> None:
         if next_step := self.snapshot().next_step:
             reason = f'{reason}; next: {next_step}'
-        for number in [*self._jobs]:
-            if job := self._jobs.pop(number, None):
-                job.set_exception(DriveError(reason))
+        for on_reply in self._pending.values():
+            self._replies.append((on_reply, DriveError(reason)))
+        self._pending.clear()
+
+    # --- the end
+
+    @property
+    def _is_closing(self) -> bool:
+        return self._close_due < math.inf
+
+    def shut_down(self, on_reply: OnReply) -> None:
+        """
+        Ramp down, power off, close the bus and end the process.
+
+        The reply is a DriveError if the power of a drive is not confirmed off.
+        """
+        if self._last_reply is not None:
+            self._replies.append((on_reply, self._last_reply))
+            return
+        self._at_end.append(on_reply)
+        if not self._is_closing:  # a signal may come while the node shuts down
+            extra_time = self._setup.extra_time
+            self._close_due = time.monotonic() + CLOSE_TIMEOUT + extra_time
+            self.request('close', self._finish)
+
+    def _finish(self, reply: Any) -> None:
+        """End the process after its last reply."""
+        self._end_closed(max(0.0, self._close_due - time.monotonic()))
+        self._last_reply = reply
+        self._replies += [(on_reply, reply) for on_reply in self._at_end]
 
     def close(self) -> Any:
         """
-        Ramp down, power off, close the bus, end the process; wait for the end.
+        Shut down and wait for the end; return the last reply.
 
         Raises a DriveError with the drives whose power is not confirmed off.
         """
-        with self._ending:  # a signal may come during a lifecycle shutdown
-            return self._farewell.result()
-
-    @cached_property
-    def _farewell(self) -> Future[Any]:
-        """Return the reply to the last request, which ends the process."""
-        with self._changing:  # a loop that is being started ends without a request
-            self._closing = True
-        end = time.monotonic() + CLOSE_TIMEOUT + self._setup.extra_time
-        job = self.request('close')
-        while not job.done() and time.monotonic() < end:
-            self.feed()
+        replies: list[Any] = []
+        self.shut_down(replies.append)
+        self.feed()
+        while not replies:
             time.sleep(FEED_PERIOD)
+            self.feed()
+        if isinstance(replies[0], Exception):
+            raise replies[0]
+        return replies[0]
+
+    def _end_closed(self, timeout: float) -> None:
+        """End a loop that was shut down, after waiting for its own end [s]."""
+        if self._is_lost:
+            return
         self._channel.send('close')
-        _end(self._process, max(0.0, end - time.monotonic()) if job.done() else 0.0)
+        _end(self._process, timeout)
         self._lose(
             'the control loop has not confirmed that the power of the drives is off'
         )
-        return job
 
 
 def _end(process: subprocess.Popen[bytes], timeout: float = 0.0) -> int | str:

@@ -9,7 +9,6 @@ unconfigured, and the next configure starts another loop.
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.metadata import version
 import math
@@ -29,7 +28,12 @@ from facade_manipulator.control_loop.process import (
 )
 from facade_manipulator.drives.controller_settings import STATES_RATE
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
-from facade_manipulator.errors import DriveError, DriveStateError, InputError
+from facade_manipulator.errors import (
+    DriveError,
+    DriveStateError,
+    InputError,
+    ManipulatorError,
+)
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.nodes import driver_diagnostics
@@ -41,7 +45,7 @@ from facade_manipulator.nodes.driver_status import (
     state_sentence,
     STATUS_PERIOD,
 )
-from facade_manipulator.nodes.lifecycle import Job, ManagedNode, UNCONFIGURED
+from facade_manipulator.nodes.lifecycle import ManagedNode, OnReply, UNCONFIGURED
 from facade_manipulator.nodes.messages import CARRIAGES, carriages_from, seconds
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
@@ -74,9 +78,6 @@ class DriverNode(ManagedNode):
         self._loop = LoopClient(
             setup, lambda *error: self.diagnostics.reject(InputError(*error)), launch
         )
-        self._worker = ThreadPoolExecutor(
-            max_workers=1
-        )  # for calls of the loop that wait
         self._constants = {
             'targets ahead of their SYNC [ms]': 1e3
             * (setup.controller.period + setup.controller.drive_lag),
@@ -114,7 +115,7 @@ class DriverNode(ManagedNode):
             'activate': partial(self._start_alone, 'activate'),
             'deactivate': partial(self._loop.request, 'deactivate'),
             'cleanup': partial(self._loop.request, 'cleanup'),
-            'shutdown': partial(self._worker.submit, self._loop.close),
+            'shutdown': self._loop.shut_down,
         }
         self.offer(topics.HOME, partial(self._loop.request, 'home'))
         self.offer(topics.HALT, partial(self._loop.request, 'halt'))
@@ -137,7 +138,6 @@ class DriverNode(ManagedNode):
             self.get_logger().error(str(error))
         if self.context.ok():  # other nodes need not wait for the silence
             self._publish_status()
-        self._worker.shutdown()
 
     def handle_exception(self, error: Exception) -> None:
         """Stop the drives after an exception in a callback, which is a defect of this node."""
@@ -208,7 +208,6 @@ class DriverNode(ManagedNode):
         """Apply new states of the loop, then feed the loop, which ends without this feed."""
         snapshot = self._loop.snapshot()
         self._apply_software_stop()
-        self.finish_jobs()
         if stop := self._stops.count(snapshot):
             self.get_logger().error(stop)
         self._publish_status()
@@ -269,7 +268,7 @@ class DriverNode(ManagedNode):
 
     # --- requests
 
-    def _start_alone(self, name: str) -> Job:
+    def _start_alone(self, name: str, on_reply: OnReply) -> None:
         """
         Start a request unless another driver would also follow the setpoints.
 
@@ -282,39 +281,33 @@ class DriverNode(ManagedNode):
                 f'end one of the two, or wait 20 s if one has crashed, then {name}'
             )
         if name == 'configure' and self._loop.snapshot().state is ControllerState.LOST:
-            return self._worker.submit(self._restart)
-        return self._loop.request(name)
+            self._loop.start()
+        self._loop.request(name, on_reply)
 
-    def _restart(self) -> str:
-        self._loop.start()
-        return self._loop.request('configure').result()
-
-    def _clear_faults(self) -> Job:
+    def _clear_faults(self, on_reply: OnReply) -> None:
         """Release the software stops, then clear the faults of the drives."""
-        released, job = self._software_stop.clear(time.monotonic()), Job()
+        released = self._software_stop.clear(time.monotonic())
         self._apply_software_stop()
         cleared = ''.join(f'{name} is cleared; ' for name in sorted(released))
-        if (
-            cleared and self.state_label == UNCONFIGURED
-        ):  # no drive has a fault to clear
-            job.set_result(f'{cleared}next: configure, home, activate')
-            return job
+        if cleared and self.state_label == UNCONFIGURED:
+            on_reply(f'{cleared}next: configure, home, activate')
+            return  # no drive has a fault to clear
 
-        def finish(done: Job) -> None:
-            if error := done.exception():
+        def finish(reply: Any) -> None:
+            if isinstance(reply, ManipulatorError):
                 self._software_stop.restore(released)
                 self._apply_software_stop()
-                job.set_exception(error)
+                on_reply(reply)
             else:
-                job.set_result(cleared + done.result())
+                on_reply(cleared + reply)
 
-        self._loop.request('clear_faults').add_done_callback(finish)
-        return job
+        self._loop.request('clear_faults', finish)
 
-    def _self_test(self, job: Job) -> SelfTest.Response:
+    def _self_test(self, reply: Any) -> SelfTest.Response:
         """Return the result for each drive, and the component of bus and cycle."""
-        error = job.exception()
-        problems = {'self_test': str(error)} if error else job.result()
+        problems = reply
+        if isinstance(reply, ManipulatorError):
+            problems = {'self_test': str(reply)}
         statuses = [
             diagnostic_status(
                 name,

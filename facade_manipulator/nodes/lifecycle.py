@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
 from typing import Any
 
 from lifecycle_msgs.msg import Transition
@@ -18,21 +17,23 @@ from facade_manipulator.topics import Service
 
 UNCONFIGURED = 'unconfigured'  # label of a state
 LOOK_PERIOD = 0.2  # s, between two checks whether a missing interface has appeared
-Job = Future[Any]
+#: takes the result of a request, or the ManipulatorError with which it failed
+OnReply = Callable[[Any], None]
 
 
 class ManagedNode(LifecycleNode):
     """
-    Lifecycle node whose transitions are jobs of other threads or processes.
+    Lifecycle node whose transitions are requests to another process.
 
     The node must receive the operator's stop while the drives boot. It is in the transition state
-    of the standard, such as *configuring*, until the job is done. A job that raises an exception
-    leads back to the previous state. The node calls `finish_jobs` periodically.
+    of the standard, such as *configuring*, until the other process has replied. An error leads
+    back to the previous state.
 
     Attributes
     ----------
     transitions : mapping
-        Functions that start the job of a transition, by its label.
+        Functions that start a transition, by its label, and take the function that receives the
+        reply. A ManipulatorError that they raise is the reply.
     last_failure : str
         Message of the last request if it failed, else ``''``.
 
@@ -40,9 +41,8 @@ class ManagedNode(LifecycleNode):
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
-        self.transitions: Mapping[str, Callable[[], Job]] = {}
+        self.transitions: Mapping[str, Callable[[OnReply], None]] = {}
         self.last_failure = ''
-        self._jobs: list[tuple[Job, Callable[[Job], None]]] = []
         self._machine = LifecycleMachine(self, self._change_state)
 
     @property
@@ -62,24 +62,22 @@ class ManagedNode(LifecycleNode):
             self.get_logger().error(message)
         self.last_failure = '' if is_successful else message
 
-    def finish_jobs(self) -> None:
-        """Answer the requests of completed jobs; an exception leaves the others pending."""
-        for entry in [entry for entry in self._jobs if entry[0].done()]:
-            self._jobs.remove(entry)
-            job, finish = entry
-            finish(job)
-
     def offer(
         self,
         service: Service,
-        start: Callable[[], Job],
-        answer: Callable[[Job], Any] | None = None,
+        start: Callable[[OnReply], None],
+        answer: Callable[[Any], Any] | None = None,
     ) -> None:
-        """Offer a service that starts a job; `answer` makes a response other than of Trigger."""
+        """
+        Offer a service that starts a request, as a function of `transitions` does.
+
+        `answer` makes a response other than of Trigger from the reply.
+        """
         answer = answer or self._trigger_response
         made = self.create_service(*service, lambda _, response: response)
         answer_later(
-            made, lambda _, respond: self._run(start, lambda job: respond(answer(job)))
+            made,
+            lambda _, respond: self._start(start, lambda reply: respond(answer(reply))),
         )
 
     def fall_back(self, to_unconfigured: bool) -> None:
@@ -105,20 +103,18 @@ class ManagedNode(LifecycleNode):
 
         timer = steady_timer(self, LOOK_PERIOD, look)
 
-    def _run(self, start: Callable[[], Job], finish: Callable[[Job], None]) -> None:
-        """Start a job; `finish` receives the job when it is done."""
+    def _start(self, start: Callable[[OnReply], None], on_reply: OnReply) -> None:
+        """Start a request; a ManipulatorError that it raises is its reply."""
         try:
-            job = start()
+            start(on_reply)
         except ManipulatorError as error:
-            job = Future()
-            job.set_exception(error)
-        self._jobs.append((job, finish))
+            on_reply(error)
 
-    def _trigger_response(self, job: Job) -> Trigger.Response:
-        error = job.exception()
-        message = str(error or job.result())
-        self.report(error is None, message)
-        return Trigger.Response(success=error is None, message=message)
+    def _trigger_response(self, reply: Any) -> Trigger.Response:
+        succeeded = not isinstance(reply, ManipulatorError)
+        message = str(reply)
+        self.report(succeeded, message)
+        return Trigger.Response(success=succeeded, message=message)
 
     def _change_state(
         self,
@@ -140,15 +136,13 @@ class ManagedNode(LifecycleNode):
     def _begin(
         self, transition: int, respond: Callable[[ChangeState.Response], None]
     ) -> None:
-        def finish(job: Job) -> None:
-            error = job.exception()
-            self._machine.finish(is_successful=error is None)
-            self.report(
-                error is None,
-                f'{label} failed: {error}' if error else str(job.result()),
-            )
-            respond(ChangeState.Response(success=error is None))
+        def finish(reply: Any) -> None:
+            succeeded = not isinstance(reply, ManipulatorError)
+            self._machine.finish(succeeded)
+            message = str(reply) if succeeded else f'{label} failed: {reply}'
+            self.report(succeeded, message)
+            respond(ChangeState.Response(success=succeeded))
 
         label = self._machine.label_of(transition)
         self._machine.begin(transition)
-        self._run(self.transitions[label], finish)
+        self._start(self.transitions[label], finish)
