@@ -1,7 +1,6 @@
 """Setup of a control loop with simulated drives, and requests to it."""
 
 from concurrent.futures import Future
-import inspect
 
 from facade_manipulator.control_loop.channel import LoopSetup
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
@@ -22,8 +21,6 @@ SETUP = LoopSetup(
 
 def ask(client, name):
     """Send a request to a loop; return a future of its reply or its error."""
-    if 'on_reply' not in inspect.signature(client.request).parameters:
-        return client.request(name)
     answer = Future()
 
     def receive(reply):
