@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 import subprocess
+import sys
 
 CI = Path(__file__).resolve().parents[1] / '.ci'
 FETCHING = {
@@ -12,6 +13,7 @@ FETCHING = {
     'PIP_NO_CACHE_DIR': '1',
     'PIP_DEFAULT_TIMEOUT': '60',
     'PIP_CONFIG_FILE': 'my.conf',
+    'UV_INDEX_URL': 'https://example.org',
 }
 INSTALLING = {
     'PIP_USER': '1',
@@ -21,7 +23,33 @@ INSTALLING = {
     'PIP_REQUIRE_HASHES': '1',
     'PIP_NO_BINARY': ':all:',
     'PIP_CONSTRAINT': 'mine.txt',
+    'UV_CONSTRAINT': 'mine.txt',
+    'UV_SYSTEM_PYTHON': '1',
+    'UV_NO_BINARY': '1',
 }
+OF_OTHER_PROJECTS = {
+    'PYTHONWARNINGS': 'error',
+    'MUJOCO_GL': 'osmesa',
+    'PYOPENGL_PLATFORM': 'osmesa',
+    'MPLBACKEND': 'of_mine',
+}
+PIP_FILE = """
+[global]
+index-url = https://example.org/simple
+extra-index-url =
+    https://example.org/a
+    https://example.org/b
+timeout = 60
+constraint = mine.txt
+[install]
+index-url = https://example.org/install
+target = there
+prefix = there
+root = there
+dry-run = true
+no-binary = :all:
+require-hashes = true
+"""
 
 
 def test_pip_settings_keep_the_source_of_packages():
@@ -36,6 +64,62 @@ def test_pip_settings_keep_the_source_of_packages():
     left = dict(
         line.split('=', 1)
         for line in done.stdout.splitlines()
-        if line.startswith('PIP_')
+        if line.startswith(('PIP_', 'UV_'))
     )
     assert left == FETCHING | {'PIP_USER': '0'}
+
+
+def test_pip_files_keep_only_the_source_of_packages(tmp_path):
+    (tmp_path / 'pip.conf').write_text(PIP_FILE)
+    done = subprocess.run(
+        [
+            'bash',
+            '-euc',
+            '. ./pip-settings; keep_sources_of_pip_files "$PYTHON"; "$PYTHON" -m pip config list',
+        ],
+        cwd=CI,
+        text=True,
+        capture_output=True,
+        check=True,
+        env={
+            'PATH': os.environ['PATH'],
+            'PIP_CONFIG_FILE': str(tmp_path / 'pip.conf'),
+            'PIP_TIMEOUT': '30',
+            'PYTHON': sys._base_executable,  # .venv of uv has no pip
+        },
+    )
+    left = dict(line.split('=', 1) for line in done.stdout.splitlines())
+    for name, value in {
+        'index-url': 'https://example.org/install',
+        'extra-index-url': 'https://example.org/a https://example.org/b',
+        'timeout': '30',
+        'config-file': '/dev/null',
+        'user': '0',
+    }.items():
+        assert left.pop(f':env:.{name}') == repr(value)
+    fetching = ('cert', 'find-links', 'trusted-host', 'proxy')  # of this computer
+    assert not [name for name in left if not name.endswith(fetching)]
+
+
+def test_environment_has_no_variables_of_another_ros():
+    stamp = (CI.parent / '.venv/stamp').read_text()
+    others = {
+        'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp',
+        'PYTHONPATH': '/opt/ros/rolling',
+        'LD_LIBRARY_PATH': '/opt/ros/rolling/lib',
+        **OF_OTHER_PROJECTS,
+    }
+    done = subprocess.run(
+        ['bash', '-euc', '. .venv/environment; env'],
+        cwd=CI.parent,
+        text=True,
+        capture_output=True,
+        check=True,
+        env={'PATH': os.environ['PATH'], **others},
+    )
+    left = {line.partition('=')[0] for line in done.stdout.splitlines()} & set(others)
+    # packages of a sourced ROS need its variables
+    expected = (
+        set() if stamp.startswith('wheels') else set(others) - set(OF_OTHER_PROJECTS)
+    )
+    assert left == expected
