@@ -9,35 +9,60 @@ from __future__ import annotations
 
 from functools import partial
 from importlib import import_module
+from importlib.util import find_spec
+import os
 import sys
 
 from facade_manipulator.commands import missing_package
 
-MISSING_PACKAGE = 2  # exit status
+CANNOT_START = 2  # exit status
+OF_WHEELS = 'rmw_fastrtps_cpp'
+# nothing is drawn in a window by these; a value of another project may end the import
+SETTINGS = {'MPLBACKEND': 'agg', 'MUJOCO_GL': 'disable'}
 
 
 def run(name: str, module: str) -> int:
     """Run the function `main` of a module of this package; return its exit status."""
+    os.environ.update(SETTINGS)
     try:
         main = import_module(f'facade_manipulator.{module}').main
     except ModuleNotFoundError as error:
         print(f'{name}: {missing_package(error)}', file=sys.stderr)
-        return MISSING_PACKAGE
+        return CANNOT_START
     status: int = main()
     return status
 
 
-driver = partial(run, 'driver', 'nodes.driver')
-ik_service = partial(run, 'ik_service', 'nodes.ik_service')
-compensator = partial(run, 'compensator', 'nodes.compensator')
-manipulator = partial(run, 'manipulator', 'nodes.manipulator')
+def run_with_ros(name: str, module: str) -> int:
+    """
+    Run an executable that uses ROS; return its exit status.
+
+    The wheels of ROS 2 end the process inside the import of rclpy for another middleware.
+    """
+    middleware = os.environ.get('RMW_IMPLEMENTATION', OF_WHEELS)
+    if find_spec('ros_wheels_bootstrapper') and middleware != OF_WHEELS:
+        print(
+            f'{name}: RMW_IMPLEMENTATION={middleware} rejected: the wheels of ROS 2 have only '
+            f'{OF_WHEELS}; next: unset RMW_IMPLEMENTATION',
+            file=sys.stderr,
+        )
+        return CANNOT_START
+    return run(name, module)
+
+
+driver = partial(run_with_ros, 'driver', 'nodes.driver')
+ik_service = partial(run_with_ros, 'ik_service', 'nodes.ik_service')
+compensator = partial(run_with_ros, 'compensator', 'nodes.compensator')
+manipulator = partial(run_with_ros, 'manipulator', 'nodes.manipulator')
 disturbance_estimator = partial(
-    run, 'disturbance_estimator', 'nodes.disturbance_estimator'
+    run_with_ros, 'disturbance_estimator', 'nodes.disturbance_estimator'
 )
-gondola_simulator = partial(run, 'gondola_simulator', 'simulation.gondola_simulator')
+gondola_simulator = partial(
+    run_with_ros, 'gondola_simulator', 'simulation.gondola_simulator'
+)
 drive_simulator = partial(run, 'drive_simulator', 'simulation.drives.__main__')
 calibrate = partial(run, 'calibrate', 'tools.calibration.__main__')
 commission = partial(run, 'commission', 'tools.commissioning.__main__')
 stopping = partial(run, 'stopping', 'tools.stopping')
-demo = partial(run, 'demo', 'simulation.demo.demo')
+demo = partial(run_with_ros, 'demo', 'simulation.demo.demo')
 workspace_study = partial(run, 'workspace_study', 'study.__main__')

@@ -190,3 +190,42 @@ def test_closed_pipe_ends_a_tool_silently():
         )
     assert done.returncode == 141
     assert done.stderr.splitlines()[1:] == []  # only the names of the files
+
+
+@pytest.mark.parametrize('name', [*NODES, 'demo'])
+def test_executable_names_the_variable_of_another_middleware(name, monkeypatch, capsys):
+    monkeypatch.setattr(executables, 'find_spec', lambda _: 'wheels of ROS 2')
+    monkeypatch.setenv('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp')
+    assert getattr(executables, name)() == 2
+    error = capsys.readouterr().err
+    assert f'{name}: RMW_IMPLEMENTATION=rmw_cyclonedds_cpp rejected' in error
+    assert 'next: unset RMW_IMPLEMENTATION' in error
+
+
+@pytest.mark.parametrize(
+    'variable',
+    [
+        *(f'MUJOCO_GL={value}' for value in ('egl', 'osmesa', 'glfw', 'of_mine')),
+        *(f'PYOPENGL_PLATFORM={value}' for value in ('osmesa', 'of_mine')),
+        'MPLBACKEND=TkAgg',
+        'MPLBACKEND=of_mine',
+        'QT_QPA_PLATFORM=of_mine',
+    ],
+)
+def test_simulation_starts_with_graphics_settings_of_others(variable):
+    name, _, value = variable.partition('=')
+    subprocess.run(
+        [
+            sys.executable,
+            '-c',
+            'import sys\n'
+            'from facade_manipulator import executables\n'
+            'sys.argv = ["demo", "--help"]\n'
+            'try:\n'
+            '    executables.demo()\n'
+            'finally:\n'
+            '    import facade_manipulator.simulation.world.world\n',
+        ],
+        env=os.environ | {name: value},
+        check=True,
+    )
