@@ -1,7 +1,10 @@
 """Commands `scan` and `assign`, with simulated slaves and slaves of other stacks."""
 
+import itertools
+
 from canopen import lss
 import durand
+from fake_bus import FakeBus
 import pytest
 from tools.commissioning.rig import raising, SERIALS
 
@@ -74,6 +77,51 @@ def test_new_drives_get_the_node_ids_of_their_carriages(make_rig, new, makes):
         4711,
         4712,
     ]
+
+
+def delay_lss(rig, latencies) -> None:
+    """Let each drive answer LSS requests after its latency [s]."""
+    for drive, latency in zip(rig.drives, latencies, strict=True):
+
+        def receive(data, active, lss=drive.lss, latency=latency):
+            answer = type(lss).receive(lss, data, active)
+            if answer is not None:
+                rig.later(latency, lambda: rig.deliver([(0x7E4, answer)]))
+
+        drive.lss.receive = receive
+
+
+@pytest.mark.parametrize(
+    'latencies',
+    [
+        (0.03, 0.03, 0.03),
+        (0.001, 0.03, 0.06),
+        (0.0, 0.09, 0.04),
+        (0.15, 0.15, 0.15),
+        (0.001, 0.12, 0.03),
+    ],
+)
+def test_new_drives_that_answer_late_get_their_node_ids(make_rig, latencies):
+    rig = make_rig('--new')
+    delay_lss(rig, latencies)
+    assert rig.run(*ASSIGN) == 0
+    rig.power_cut()
+    assert [drive.node_id for drive in rig.drives] == [2, 3, 1]
+
+
+def test_interrupted_tool_reads_the_answers_that_wait(make_rig, monkeypatch):
+    rig = make_rig('--new')
+    delay_lss(rig, (0.03, 0.03, 0.03))
+    receive, count = FakeBus.receive, itertools.count()
+
+    def interrupted(bus, timeout):
+        frame = receive(bus, timeout)
+        if frame is None and timeout > 0.01 and next(count) % 7 == 0:
+            rig.pass_time(0.15)
+        return frame
+
+    monkeypatch.setattr(FakeBus, 'receive', interrupted)
+    assert rig.run(*ASSIGN) == 0
 
 
 class Wire(durand.network.NetworkABC):
