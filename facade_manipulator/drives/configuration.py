@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
+from typing import NamedTuple
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus
@@ -103,40 +104,57 @@ def apply(drive: SdoChannel, writes: list[Write]) -> list[str]:
             drive.write(write.index, write.subindex, _encoded(drive, write))
         except DriveObjectError as error:
             rejections.setdefault(str(write), str(error))
-    differences, notes = check(drive, writes)
-    if differences:
+    found = check(drive, writes)
+    if found.problems:
         raise DriveObjectError(
             '; '.join(
                 text
                 if (rejection := rejections.get(name, text)) == text
                 else f'{text}: {rejection}'
-                for name, text in differences.items()
+                for name, text in found.problems.items()
             )
         )
-    return notes
+    return found.notes
 
 
-def check(drive: SdoChannel, writes: list[Write]) -> tuple[dict[str, str], list[str]]:
+class Comparison(NamedTuple):
+    """Comparison of the objects of a drive with their configured values."""
+
+    problems: dict[str, str]  #: messages by object that differs or cannot be read
+    notes: list[str]  #: missing optional objects
+    unreadable: set[
+        str
+    ]  #: the objects among `problems` that the drive lacks or rejects
+
+    @property
+    def changed(self) -> list[str]:
+        """Return the objects that have another value."""
+        return [name for name in self.problems if name not in self.unreadable]
+
+
+def check(drive: SdoChannel, writes: list[Write]) -> Comparison:
     """
-    Return messages by object that differs, and notes of missing optional objects.
+    Compare the objects of a drive with their configured values.
 
     Raises a DriveTimeoutError if the drive does not answer.
     """
-    differences, notes = dict[str, str](), list[str]()
-    for write in (one for one in writes if one.compared):
+    found = Comparison({}, [], set())
+    for write in writes:
+        if not write.compared:
+            continue
+        name = str(write)
         try:
             if difference := _difference(drive, write):
-                differences[str(write)] = difference
+                found.problems[name] = difference
         except DriveObjectError as error:
-            if (
-                not write.required
-                and isinstance(error, SdoAbortError)
-                and error.is_absent
-            ):
-                notes.append(f'{drive.name} has no object {write}, which is optional')
+            is_absent = isinstance(error, SdoAbortError) and error.is_absent
+            if is_absent and not write.required:
+                note = f'{drive.name} has no object {write}, which is optional'
+                found.notes.append(note)
             else:
-                differences[str(write)] = str(error)
-    return differences, notes
+                found.problems[name] = str(error)
+                found.unreadable.add(name)
+    return found
 
 
 def _encoded(drive: SdoChannel, write: Write) -> bytes:
@@ -386,8 +404,8 @@ class Drive(SdoChannel):
     def prove(self) -> None:
         """Check identity, units and objects, and change nothing."""
         self.identify()
-        differences, _ = check(self, self._writes)
-        if problems := self._unit_conflicts() + [*differences.values()]:
+        different = check(self, self._writes).problems
+        if problems := self._unit_conflicts() + [*different.values()]:
             raise DriveObjectError('; '.join(problems))
 
     def use(self) -> str:

@@ -66,11 +66,16 @@ def run_profile(context: Context) -> None:
         profile = load_profile(axis.profile)
         writes = configuration.drive_writes(profile, axis, context.controller)
         with context.drive(name, profile.eds) as (bus, drive):
-            changes, _ = configuration.check(drive, writes)
+            compared = configuration.check(drive, writes)
             print(
-                f'{name}: configure will change {len(changes)} objects: '
-                + (', '.join(changes) or 'none')
+                f'{name}: configure will change {len(compared.changed)} objects: '
+                + (', '.join(compared.changed) or 'none')
             )
+            if compared.unreadable:
+                print(
+                    f'{name}: the drive lacks or rejects '
+                    + ', '.join(sorted(compared.unreadable))
+                )
             context.state = _NOT_STORED.format(name)
             found = [f'{name}: {one}' for one in differences(drive, axis, writes)]
             bus.reset(axis.node_id, profile.quirks.boot_time)
@@ -187,7 +192,7 @@ def run_restore(context: Context) -> None:
         drive.RESPONSE_TIMEOUT = _STORING_TIME
         drive.write(0x1010, 1, b'save')
         bus.reset(drive.node_id, profile.quirks.boot_time)
-        if lost := configuration.check(drive, writes)[0]:
+        if lost := configuration.check(drive, writes).problems:
             raise CommissioningError(
                 f'{name} has not stored these values: ' + '; '.join(lost.values())
             )

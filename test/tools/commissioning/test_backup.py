@@ -51,6 +51,17 @@ def test_each_object_that_differs_is_named(make_rig, capsys, code, reason):
         assert words in said
 
 
+@pytest.mark.parametrize('code', [0x06020000, 0x06010001, 0x08000022])
+def test_unreadable_objects_are_not_listed_as_changes(rig, capsys, code):
+    for drive in rig.drives:
+        drive.objects.readers[0x6065, 0] = raising(SdoAbortedError(code))
+    assert rig.run('profile', '--check') == 1
+    said = capsys.readouterr().out
+    (changes,) = [line for line in said.splitlines() if 'q2: configure will' in line]
+    assert '6065h:00' not in changes
+    assert 'q2: the drive lacks or rejects 6065h:00' in said
+
+
 def test_profile_without_a_dead_master_stop_is_rejected(rig, tmp_path, capsys):
     rig.configured(own_profile(tmp_path, without=0x1016))
     assert rig.run('profile', 'q1', '--check') == 1
