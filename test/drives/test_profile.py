@@ -7,6 +7,7 @@ import yaml
 
 from facade_manipulator import resources
 from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.eds import read_dictionary, variables
 from facade_manipulator.drives import profile
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.profile import fitting_profile, load_profile, Quirks
@@ -56,6 +57,23 @@ def test_every_profile_requires_the_safety_objects(name):
     assert (profile.lost_master_reaction, 0, 3, True) in profile.objects
     places = [(item.index, item.subindex) for item in profile.objects]
     assert len(set(places)) == len(places)
+
+
+@pytest.mark.parametrize(
+    ('key', 'limits'),
+    [
+        *(
+            (key, (1, 50_000))
+            for key in ((0x607F, 0), (0x6080, 0), (0x6099, 1), (0x6099, 2))
+        ),
+        ((0x30B2, 0), (0, 15_000)),
+        ((0x6066, 0), (0, 0)),
+        ((0x60C2, 1), (0, 100)),
+    ],
+)
+def test_limits_of_the_epos4_are_those_of_its_maker(key, limits):
+    objects = variables(read_dictionary(config_path('drives/epos4.eds')))
+    assert (objects[key].min, objects[key].max) == limits
 
 
 @pytest.mark.parametrize('field', ['vendor_id', 'product_code'])
