@@ -15,8 +15,11 @@ estimates to the prediction, divided by their standard deviation σ_i:
 The difference is twice the logarithm of the likelihood ratio. The estimates count as wrong while
 it is above `ODDS`. Half sines and ramps of the errors are also nearer to a jump than to a push.
 The smaller a jump is, the more estimates are needed: five at 4 σ. An error that lasts for
-`DECISION_TIME` is a step of the estimator if a jump explains it better than a push of any
-strength. Otherwise it is a motion, after which pushes of any strength are possible for a while.
+`DECISION_TIME` is a step of the estimator if a jump explains it much better than a push of any
+strength, with a difference above `STEP_ODDS`. Otherwise it is a motion, after which pushes of any
+strength are possible for a while. The limit is higher for a step than for a wrong estimate: a
+motion that counts as a step is compensated only after a fade, while a step that counts as a motion
+moves the head by a few standard deviations at most.
 
 References
 ----------
@@ -36,6 +39,7 @@ import numpy as np
 DOUBT = 2.0  # standard deviations: estimates with a larger error are doubted
 JUMP = 9.0  # squared errors explained by a jump, above which the end of the jump is awaited
 ODDS = 6.5  # twice the logarithm of the likelihood ratio above which estimates count as wrong
+STEP_ODDS = 20.0  # the same above which an error that lasts is a step: a wind that begins gives 15
 DECISION_TIME = (
     0.25  # s of doubt, after which the detector decides between motion and step
 )
@@ -111,7 +115,7 @@ class JumpDetector:
             JumpDecision.WRONG: not is_far
             and (self.is_wrong or not (is_late or is_followed)),
             JumpDecision.NOISE: not (is_late or is_far) and is_small,
-            JumpDecision.STEP: is_late and self.is_wrong and odds > 0.0,
+            JumpDecision.STEP: is_late and self.is_wrong and odds > STEP_ODDS,
             JumpDecision.MOTION: is_late and not self.is_wrong and is_followed,
         }
         decision = next(

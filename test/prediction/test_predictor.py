@@ -382,6 +382,34 @@ def test_sway_outweighs_a_long_learnt_rest():
     assert Run(begun(40.0, 1.0), 45.0).rms(40.0)[0] < 5.0 * NOISE
 
 
+@cache
+def wind(rise, share):
+    """Return the sway of a gondola at rest when a wind rises from 20 s on within a time [s]."""
+    rates, strength = np.array((0.563, 1.153, 0.49)), np.array((0.03, 0.015, 0.008))
+    step, position, velocity, positions = 0.005, np.zeros(3), np.zeros(3), []
+    for number in range(round(10.5 / step)):
+        done = min(number * step / rise, 1.0)
+        push = share * strength * done**2 * (3.0 - 2.0 * done)
+        velocity = velocity + step * (
+            push - rates**2 * position - 0.04 * rates * velocity
+        )
+        position = position + step * velocity
+        positions.append(position)
+    return lambda time: positions[max(round((time - 20.0) / step), 0)]
+
+
+@pytest.mark.parametrize('share', [0.5, 1.0])
+@pytest.mark.parametrize('rise', [1.0, 3.0, 6.0])
+def test_wind_that_begins_is_not_a_step_of_the_estimator(rise, share):
+    motion, steps = wind(rise, share), 0
+    for seed in range(6):
+        predictor, random = DisturbancePredictor(), np.random.default_rng(seed)
+        for number in range(1500):
+            values = motion(0.02 * number) + NOISE * random.standard_normal(3)
+            steps += predictor.update(0.02 * number, Pose(*values.tolist()), VARIANCES)
+    assert steps <= 1  # of 18 axes
+
+
 @pytest.mark.parametrize('begin', [24.0, 28.0])
 @pytest.mark.parametrize(
     ('deviation', 'settling', 'left'),
