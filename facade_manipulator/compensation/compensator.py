@@ -23,6 +23,7 @@ from facade_manipulator.compensation.correction import (
     CorrectionMode,
     CorrectionSettings,
     LONGEST_PAUSE,
+    SILENCE,
 )
 from facade_manipulator.compensation.following import Following, HeldBack
 from facade_manipulator.compensation.workspace import WorkspaceLimit
@@ -250,9 +251,11 @@ class Compensator:
             saturation_error = self.newest.saturation_error
         if self.goal is not None:
             beyond = reference.y - self.goal.y
-        mode, silence = self.correction.mode, ''
-        if mode in (CorrectionMode.SILENT, CorrectionMode.SETTLING):
-            silence = mode.value
+        silence = ''
+        if self.correction.is_silent(now):
+            silence = f'the estimator is silent or rejected for more than {SILENCE:g} s'
+        elif self.correction.mode in (CorrectionMode.SILENT, CorrectionMode.SETTLING):
+            silence = self.correction.mode.value
         elif not all(self.correction.known[1:]):
             silence = 'the estimate of y or theta is too uncertain'
         return self.contact.shift(

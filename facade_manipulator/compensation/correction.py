@@ -24,6 +24,11 @@ from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate, MIN_INTE
 from facade_manipulator.prediction.predictor import DisturbancePredictor
 
 SILENCE = 0.5  # s, age of the newest estimate from which the estimator counts as silent
+FADE_AFTER = 1.05  # s, age from which the correction fades out; after 1.1 s learning begins again
+LONG_GAP = (
+    0.3  # s between two estimates, after which the prediction may change by centimetres
+)
+CATCH_UP = 0.1  # s, time constant of such a change: 2 m/s² for 20 mm
 ROUNDING = 1e-6  # s
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
 DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
@@ -32,7 +37,7 @@ LONGEST_BRAKING = (
     0.25  # s, time constant of a velocity that ends: 1.6 m/s² from 0.2 m/s
 )
 SETTLING_TIME = 0.5  # s, minimum duration of estimates before the correction fades in
-NONE_KNOWN = (False, False, False)
+NONE_KNOWN: tuple[bool, ...] = (False, False, False)
 NO_SHARE = MotionState(
     Pose(-1.0, -1.0, -1.0), ZERO_TWIST
 )  # a share of 0 minus a share of 1
@@ -159,6 +164,9 @@ class Correction:
         )  # time at which each axis became known [s]
         self._time: float | None = None
         self._state = ZERO_STATE  # at that time; later states continue it
+        self._interrupted = (
+            NONE_KNOWN  # axes that were corrected when the estimates ended
+        )
         constant = settings.fade_time / DECAYS
         self._smooth = Remainder(
             SMOOTHING
@@ -172,6 +180,7 @@ class Correction:
             Remainder(constant),
             Remainder(min(constant, LONGEST_BRAKING)),
         )
+        self._catch_up = Remainder(CATCH_UP)  # changes of the prediction by a long gap
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Learn from a checked estimate, unless it is within 15 ms of the last learnt estimate."""
@@ -186,6 +195,9 @@ class Correction:
         if has_stepped or self.predictor.since == estimate.stamp:
             # The estimator may be wrong: the head follows no faster than the correction fades in.
             self._fade_from(self._time, self._target(predicted))
+        elif elapsed > LONG_GAP:
+            jump = self._target(predicted).minus(self._target(self._predicted))
+            self._catch_up.add(self._time, jump)
         else:
             self._smooth.add(self._time, predicted.minus(self._predicted))
 
@@ -239,7 +251,9 @@ class Correction:
             self._change(mode=mode)
         self._time = time
         target = self._target(self._predicted)
-        self._state = target.plus(self._fade.at(time)).plus(self._brake.at(time))
+        self._state = target
+        for remainder in (self._fade, self._brake, self._catch_up):
+            self._state = self._state.plus(remainder.at(time))
         return self._state
 
     def deviations(self, time: float) -> tuple[float, ...] | None:
@@ -251,7 +265,11 @@ class Correction:
         return now - self.predictor.stamp
 
     def is_silent(self, now: float) -> bool:
-        """Return whether the place of the rail is unknown, because the estimates have ended."""
+        """
+        Return whether the place of the rail is too uncertain for a contact, a goal or a tare.
+
+        The prediction continues the correction for longer, up to `FADE_AFTER`.
+        """
         return self._has_estimates and abs(self.age(now)) > SILENCE
 
     @property
@@ -263,7 +281,7 @@ class Correction:
             return CorrectionMode.DISABLED
         if not self._has_estimates:
             return CorrectionMode.NO_ESTIMATE
-        if self.is_silent(now):
+        if abs(self.age(now)) > FADE_AFTER:
             return CorrectionMode.SILENT
         if self.predictor.stamp - self.predictor.since < SETTLING_TIME:
             return CorrectionMode.SETTLING
@@ -275,8 +293,18 @@ class Correction:
         nominal: Pose | None = None,
         known: tuple[bool, ...] | None = None,
     ) -> None:
-        """Change the target trajectory, with a fade from the present correction."""
+        """
+        Change the target trajectory, with a fade from the present correction.
+
+        The share of an axis begins at 0, unless a silence has only interrupted its correction.
+        """
         before, corrected = self._target(self._predicted), self._corrected
+        if mode is CorrectionMode.SILENT:
+            self._interrupted = corrected
+        elif self.mode is CorrectionMode.SILENT:
+            corrected = (
+                self._interrupted if mode is CorrectionMode.ACTIVE else corrected
+            )
         self.mode, self.nominal = mode or self.mode, nominal or self.nominal
         self.known = known or self.known
         if self._time is None:
@@ -292,9 +320,15 @@ class Correction:
 
     def _restart(self, time: float, mode: CorrectionMode) -> None:
         """Continue from the present correction at another time [s]."""
-        for remainder in (self._smooth, self._missing, self._fade, self._brake):
+        for remainder in (
+            self._smooth,
+            self._missing,
+            self._fade,
+            self._brake,
+            self._catch_up,
+        ):
             remainder.clear()
-        self._time, self.mode = time, mode
+        self._time, self.mode, self._interrupted = time, mode, NONE_KNOWN
         self._fade_from(time, self._state)
 
     def _fade_from(self, time: float, before: MotionState) -> None:

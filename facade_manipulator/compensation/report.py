@@ -15,6 +15,7 @@ from facade_manipulator.compensation.contact import Pressing
 from facade_manipulator.compensation.correction import (
     Correction,
     CorrectionMode,
+    FADE_AFTER,
     SILENCE,
 )
 from facade_manipulator.compensation.following import (
@@ -127,11 +128,11 @@ def late_reason(compensator: Compensator, now: float) -> str:
 
 
 def uncorrected_reason(correction: Correction, now: float) -> str:
-    """Return why the correction of received estimates is faded out, ``''`` if it is not."""
+    """Return why received estimates are not corrected, or soon not; ``''`` if they are."""
     if correction.is_silent(now):
         return (
-            'the correction is faded out: the estimator is silent or rejected for more than '
-            f'{SILENCE:g} s; next: check the estimator'
+            f'the estimator is silent or rejected for more than {SILENCE:g} s, and the correction '
+            f'fades out after {FADE_AFTER:g} s; next: check the estimator'
         )  # constant: a change is published
     if correction.mode is CorrectionMode.DISABLED and math.isfinite(
         correction.age(now)

@@ -125,6 +125,38 @@ def test_short_silence_is_bridged_by_the_prediction(settled):
     run.assert_no_step()
 
 
+@pytest.mark.parametrize(('gap', 'bound'), [(0.6, 4e-3), (0.8, 13e-3), (0.95, 24e-3)])
+def test_gap_up_to_a_second_costs_only_the_error_of_the_prediction(settled, gap, bound):
+    run = deepcopy(settled).go(gap, heard=False)
+    assert run.correction.mode is CorrectionMode.ACTIVE
+    assert run.correction.is_silent(run.now)
+    run.go(0.1)
+    assert abs(run.error()) == pytest.approx(0.0, abs=bound)
+    run.go(0.6)
+    assert abs(run.error()) == pytest.approx(0.0, abs=4e-3)
+    run.assert_no_step()
+
+
+def test_interrupted_correction_resumes_with_its_full_share(settled):
+    run = deepcopy(settled)
+    while run.correction.mode is CorrectionMode.ACTIVE:
+        run.go(PERIOD, heard=False)
+    at_once = abs(run.go(0.1).error())
+    assert run.correction.mode is CorrectionMode.ACTIVE
+    run.go(1.5)
+    assert (abs(run.error()) < 0.15 * at_once + 2e-3).all()
+    run.assert_no_step()
+
+
+def test_axis_found_during_a_silence_begins_without_a_share(settled):
+    run = deepcopy(settled).go(7.0, known=(False, True, True)).go(0.45)
+    while run.correction.mode is CorrectionMode.ACTIVE:
+        run.go(PERIOD, heard=False)
+    run.go(0.1)
+    assert run.correction.known == ALL_KNOWN
+    assert abs(run.last.position.x) < 0.05 * abs(breeze(run.now).x)
+
+
 def test_tare_makes_the_present_disturbance_nominal_without_a_step(settled):
     run = deepcopy(settled)
     nominal = run.correction.tare(run.now)

@@ -261,8 +261,8 @@ def test_goal_of_an_unmeasured_head_is_held_back(machine):
         (
             ZERO_POSE,
             True,
-            'the correction is faded out: the estimator is silent or rejected for more '
-            'than 0.5 s; next: check the estimator',
+            'the estimator is silent or rejected for more than 0.5 s, and the correction '
+            'fades out after 1.05 s; next: check the estimator',
         ),
         (
             Pose(0.02, 0.0, 0.0),
