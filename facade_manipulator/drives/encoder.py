@@ -37,19 +37,30 @@ class Encoder:
         self._period = self._elapsed = period
         self._time = self._slipped = 0.0
         self._is_trusted = True
+        self._has_found_home = False
+        self._is_speed_valid = True  # not if a drive has changed its coordinates
 
     def begin_homing(self) -> None:
         """Forget the home position and the errors of earlier positions."""
-        self.homed, self._is_trusted = False, True
+        self.homed = self._has_found_home = False
+        self._is_trusted = True
+        self._slipped = 0.0
+
+    def find_home(self) -> None:
+        """Record that the drive has found home, after which its positions are judged."""
+        if not self._has_found_home:
+            self._has_found_home = True
+            self._is_speed_valid = False
+            self._slipped = 0.0
 
     def end_homing(self, homed: bool) -> None:
         """Record whether the axis is homed, unless its position was lost during homing."""
         self.homed = homed and self._is_trusted
-        self.speed = self._slipped = 0.0  # the carriage did not move
+        self._has_found_home = False
 
     def distrust(self) -> None:
         """Record that the position is lost until the axis is homed again."""
-        self.homed = self._is_trusted = False
+        self.homed = self._is_trusted = self._has_found_home = False
 
     def receive(self, counts: int, time: float) -> str:
         """Receive a position [counts] at a time [s]; return why it is distrusted, or ``''``."""
@@ -68,13 +79,17 @@ class Encoder:
         moved, expected = self._metres * (counts - before), self.speed * elapsed
         self.speed = moved / elapsed
         jump = abs(moved - expected)
+        if not self._is_speed_valid:
+            self._is_speed_valid = True
+            return ''
         bound = (  # of mean speeds
             JUMP_NOISE
             + JUMP_MARGIN * self._acceleration * 0.5 * (earlier + elapsed) * elapsed
             + JUMP_JITTER * abs(expected)
         )
         self._slipped += jump if jump > DOUBTFUL * bound else 0.0
-        if not self.homed or (jump <= bound and self._slipped <= MOST_SLIPPED):
+        is_judged = self.homed or self._has_found_home
+        if not is_judged or (jump <= bound and self._slipped <= MOST_SLIPPED):
             return ''
         self.distrust()
         distrust = (

@@ -332,6 +332,9 @@ def home(session: Session) -> Steps[str]:
     for monitor in session.monitors:
         monitor.encoder.begin_homing()
     while not (group.is_stopped or session.has_done(ControllerState.INACTIVE)):
+        for homing, monitor in zip(group.homing, session.monitors, strict=True):
+            if homing.is_homed:  # while the others home, it may slip
+                monitor.encoder.find_home()
         yield
     for homing, monitor in zip(group.homing, session.monitors, strict=True):
         monitor.encoder.end_homing(
