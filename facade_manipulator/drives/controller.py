@@ -241,7 +241,7 @@ class DriveController(Session):
             self._operation = None
         operation.steps.close()
         if self._operation is None and not self.is_configured:
-            self.close_bus()
+            self.close_bus(self.without_power())
         self._publish()
         if isinstance(result, Exception):
             result.args = (self._explained(str(result)),)

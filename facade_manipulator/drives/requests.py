@@ -15,7 +15,7 @@ not configured when no request is left.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Collection, Generator, Iterable
 from contextlib import suppress
 from dataclasses import replace
 import gc
@@ -160,8 +160,13 @@ class Session:
                 one.expect(name)
                 self.exchange.command(name, one.axis.node_id)
 
-    def close_bus(self) -> None:
-        """Leave the drives in NMT pre-operational, close the bus, and forget all drives."""
+    def close_bus(self, without_power: Collection[AxisMonitor] = ()) -> None:
+        """
+        Leave the drives in NMT pre-operational, close the bus, and forget all drives.
+
+        Drives without power no longer watch this master, so that none reports its loss. Any other
+        drive stops by itself when it misses the heartbeat.
+        """
         if self.exchange is not None:
             # drives of another master are left unchanged
             used = self.monitors if self.exchange.transmits else ()
@@ -169,9 +174,7 @@ class Session:
                 BusError
             ):  # the drives notice the missing heartbeat by themselves
                 self.command('PRE-OPERATIONAL', used)
-                for (
-                    one
-                ) in used:  # none reports a lost master; the answers are not awaited
+                for one in without_power:  # the answers are not awaited
                     self.exchange.bus.send(
                         pdo.SDO_REQUEST + one.axis.node_id,
                         expedited_download(*one.profile.heartbeat_consumer, bytes(4)),
@@ -179,6 +182,19 @@ class Session:
             self.exchange.bus.close()
         gc.unfreeze()
         self._forget()
+
+    def without_power(self) -> list[AxisMonitor]:
+        """Return the used drives that confirm that they have no power, or have just booted."""
+        exchange = self.exchange
+        if exchange is None or not exchange.transmits:
+            return []
+        if not exchange.has_started:  # nothing has switched them on since their reset
+            return [one for one in self.monitors if one.boot_ups]
+        return [
+            one
+            for one in self.monitors
+            if one.snapshot(None, self.now).power is Power.CONFIRMED_OFF
+        ]
 
     def lose(self, error: BusError) -> None:
         """Stop sending, so that the drives stop by themselves; forget their positions."""
@@ -501,7 +517,7 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
     since = session.now
     end = since + STOP_AND_CUT * session.settings.step_timeout
     if not session.is_configured:
-        session.close_bus()
+        session.close_bus(session.without_power())
         return 'The bus is closed; no drive was configured.'
     if not session.lost:
         session.group.cut_power(since)
@@ -530,7 +546,7 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
         if session.lost
         else 'the drives do not answer'
     )
-    session.close_bus()
+    session.close_bus([one for one in session.monitors if one not in unsure])
     if unsure:
         raise DriveError(
             f'The bus is closed, but the power of {" and ".join(one.title for one in unsure)} is '
