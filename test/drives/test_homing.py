@@ -158,3 +158,41 @@ def test_homing_stops_before_a_collision(make_rig):
     ):
         rig.request('home')
     rig.until_stopped()
+
+
+# --- after the axis has found home
+
+
+def slip(drive, metres=0.012):
+    drive.motor.offset += round(metres * drive.motor._per_metre)
+
+
+@pytest.mark.parametrize('methods', [(37, 17, 17), (17, 17, 17), (37, 37, 37)], ids=str)
+@pytest.mark.parametrize('cycles', [1, 2, 5, 12])
+def test_slip_after_the_axis_is_homed_stops_homing(make_rig, methods, cycles):
+    axes = tuple(
+        replace(axis, homing_method=method, homing_rank=rank, homing_speed=0.2)
+        for axis, method, rank in zip(DEFAULT_AXES, methods, (1, 2, 3), strict=True)
+    )
+    rig = make_rig(axes=axes)
+    rig.request('configure')
+    job = rig.ask('home')
+    group = rig.controller.group
+    rig.until(lambda: group.homing and group.homing[0].is_homed, 30.0)
+    rig.cycles(cycles)
+    slip(rig.drives[0])
+    with pytest.raises(DriveError, match='q1 .*has jumped by 0.012 m.*q1 is not homed'):
+        rig.finish(job)
+    assert 'q1' in rig.snapshot.unhomed
+
+
+@pytest.mark.parametrize('speed', [0.1, 0.5])
+@pytest.mark.parametrize('method', [37, 17, 1, -4])
+def test_ordinary_homing_is_no_slip(make_rig, method, speed):
+    axes = tuple(
+        replace(axis, homing_method=method, homing_rank=rank, homing_speed=speed)
+        for axis, rank in zip(DEFAULT_AXES, (1, 2, 3), strict=True)
+    )
+    rig = make_rig(axes=axes)
+    answer = rig.request('configure', 'home')
+    assert answer.count('is homed') == 3
