@@ -10,11 +10,12 @@ import pytest
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, Power, State, UNPOWERED_STATES
-from facade_manipulator.errors import BusError, DriveStateError
+from facade_manipulator.errors import BusError, DriveError, DriveStateError
 
 pytestmark = pytest.mark.long
 
 NO_STATE = 0x0005
+RELEASE = b'\x23\x16\x10\x01' + bytes(4)  # SDO download of 0 to 1016h:01
 IMPATIENT = replace(SETTINGS, step_timeout=0.3)
 
 
@@ -69,6 +70,32 @@ def test_end_without_confirmed_power_off_names_the_drive(
     )
     assert {rig.drive_states[0], rig.drive_states[2]} <= UNPOWERED_STATES
     assert rig.state is state
+
+
+@pytest.mark.parametrize(
+    'lie', [obey_nothing, obey_nothing_on_a_bad_bus, fall_silent, name_no_state]
+)
+@pytest.mark.parametrize('request_', ['cleanup', 'close'])
+def test_drive_without_confirmed_power_off_still_watches_the_master(
+    make_rig, lie, request_
+):
+    rig = make_rig(settings=IMPATIENT)
+    stop_with_power(rig, lie)
+    rig.rejection(request_)
+    watched = [drive.objects.values[0x1016, 1] & 0xFFFF for drive in rig.drives]
+    assert watched == [0, round(1e3 * IMPATIENT.heartbeat_timeout), 0]
+
+
+@pytest.mark.parametrize('has_started', [False, True])
+def test_failed_configure_keeps_the_watch_of_a_silent_drive(rig, has_started):
+    job = rig.ask('configure')
+    if has_started:
+        rig.until(lambda: getattr(rig.controller.exchange, 'has_started', False))
+    rig.drives[1].is_silent = True
+    with pytest.raises(DriveError):
+        rig.finish(job)
+    released = [frame.cob_id for frame in rig.frames() if frame.data == RELEASE]
+    assert released == [0x601, 0x603]
 
 
 def test_third_drive_is_switched_off_beside_silent_ones(make_rig):
