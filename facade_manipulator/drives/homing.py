@@ -4,11 +4,15 @@ Homing of an axis (mode 6): rise of bit 4, and success or failure by the statusw
 A drive that was homed before still shows "homing attained". Success therefore counts only if
 the bit was seen clear first, and a homing error only once the drive has had time to take it back.
 Methods 35 and 37 take the present position as home within one cycle, so that the bit may never be
-seen clear. With them success also counts at the home position.
+seen clear. With them success also counts at the home position. Other methods also take one cycle
+where the carriage is at home already. With them success counts if it is steady and the carriage
+stays exactly at home.
 With any method a drive that reports success at another position has failed.
 """
 
 from __future__ import annotations
+
+from math import ceil
 
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.states import Status
@@ -16,6 +20,7 @@ from facade_manipulator.drives.states import Status
 _SUCCESS = Status.HOMING_ATTAINED | Status.TARGET_REACHED
 _OUTCOME = _SUCCESS | Status.HOMING_ERROR
 SETTLING_CYCLES = 5
+STEADY_TIME = 0.2  # s, of a success that was not seen clear, since the start
 HOME_TOLERANCE = 2  # counts, where the drive takes the present position as home
 HOME_NOISE = 0.001  # m, where it looks for a switch or a stop
 METHODS_AT_PRESENT_POSITION = frozenset({35, 37})
@@ -44,12 +49,14 @@ class Homing:
         stroke = axis.upper_limit - axis.lower_limit
         self._timeout = axis.homing_strokes * stroke / axis.homing_speed
         self._most_cycles = self._timeout / period
+        self._steady_cycles = ceil(STEADY_TIME / period)
         self._cycles = self._cycles_elsewhere = 0
         # without bit 10 the drive is at its home position once its counts no longer change
         self._success = _SUCCESS if needs_bit_10 else Status.HOMING_ATTAINED
         self._needs_bit_10 = needs_bit_10
         self._counts = self._cycles_at_rest = 0
         self._seen_clear = False
+        self._cycles_at_home = 0  # in a row, with success
 
     def watch(self, statusword: int) -> None:
         """Record before the start whether the success of an earlier homing is still shown."""
@@ -71,9 +78,15 @@ class Homing:
         away = counts - self._axis.to_counts(self._axis.home_position)
         is_there = abs(away) <= self._tolerance
         has_settled = self._cycles > SETTLING_CYCLES
-        is_new = self._seen_clear or (not self._has_motion and is_there and has_settled)
         outcome = statusword & (self._success | Status.HOMING_ERROR)
-        if outcome == self._success and is_new and is_at_rest:
+        is_success = outcome == self._success and is_at_rest
+        is_exact = is_success and abs(away) <= HOME_TOLERANCE
+        self._cycles_at_home = self._cycles_at_home + 1 if is_exact else 0
+        if self._has_motion:
+            is_at_home = self._cycles_at_home > self._steady_cycles
+        else:
+            is_at_home = is_there and has_settled
+        if is_success and (self._seen_clear or is_at_home):
             self.is_homed = is_there
             self._cycles_elsewhere += 1
             return (
