@@ -22,6 +22,7 @@ from facade_manipulator.drives.states import (
     decode_state,
     describe_state,
     Mode,
+    State,
     Status,
 )
 from facade_manipulator.errors import DriveStateError
@@ -64,6 +65,7 @@ class Group:
         self.homing: tuple[Homing, ...] = ()
         self.is_confirmed = False
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
+        self._has_shown_mode = False  # whether all drives have shown the commanded mode
         self.commands: tuple[AxisCommand, ...] = ()
         self._cycles = 0
         self.start(0.0)
@@ -204,6 +206,8 @@ class Group:
         """
         self._cycles += 1
         self._supervise(now)
+        if self.is_settled and self._plan[0].mode is not None:
+            self._has_shown_mode = True
         if self.state is ControllerState.ACTIVE and self.is_settled:
             self.is_confirmed = True
         if self.is_settled and len(self._plan) > 1 and not self._due_rank():
@@ -254,12 +258,8 @@ class Group:
     def _evaluate(self, one: AxisMonitor, now: float) -> tuple[str, bool]:
         """Return the failure of a drive, ``''`` for none, and whether it has done the step."""
         step, state = self._plan[0], decode_state(one.statusword)
-        failure = ''
-        if self.follows and one.statusword & Status.FOLLOWING_ERROR:
-            failure = 'is farther behind its target than the following-error window, bit 13 is 1'
-        elif self.follows and self.state is not ControllerState.ACTIVATING:
-            failure = one.disobedience
         has_mode = step.mode is None or one.mode in (None, step.mode)
+        failure = self._disobedience(one, has_mode)
         has_arrived = (
             state in step.goal and has_mode and (one.at_rest or not step.to_rest)
         )
@@ -279,6 +279,16 @@ class Group:
             f'{one.name} {failure or f"did not {step.purpose}"}: '
             f'it is {", ".join(found)}'
         ), False
+
+    def _disobedience(self, one: AxisMonitor, has_mode: bool) -> str:
+        """Return why an enabled drive fails before the time of the step ends, ``''`` if not."""
+        if self.follows and one.statusword & Status.FOLLOWING_ERROR:
+            return 'is farther behind its target than the following-error window, bit 13 is 1'
+        is_enabled = decode_state(one.statusword) is State.OPERATION_ENABLED
+        if self._has_shown_mode and is_enabled and not has_mode:
+            return 'has left its mode of operation'
+        is_following = self.follows and self.state is not ControllerState.ACTIVATING
+        return one.disobedience if is_following else ''
 
     def _fail(self, name: str, failure: str, now: float) -> None:
         if self.state is not ControllerState.STOPPED:
@@ -312,6 +322,8 @@ class Group:
         self.is_ramping = step.follows and step.to_rest
         self.is_settled = False
         self.is_confirmed = self.is_confirmed and step.follows
+        if step.mode is None or step.mode != self._mode:
+            self._has_shown_mode = False
         self._mode = self._mode if step.mode is None else step.mode
         self.commands = (AxisCommand(step.controlword, self._mode),) * len(AXIS_NAMES)
         self._cycles = 0
