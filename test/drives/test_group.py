@@ -14,7 +14,13 @@ from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import Cause
 from facade_manipulator.drives.snapshot import ControllerState as Doing
-from facade_manipulator.drives.states import Controlword, State, Status, STATUSWORDS
+from facade_manipulator.drives.states import (
+    Controlword,
+    Mode,
+    State,
+    Status,
+    STATUSWORDS,
+)
 from facade_manipulator.simulation.drives.automaton import decode_command, TRANSITIONS
 
 PERIOD = 0.01  # s
@@ -245,6 +251,20 @@ def test_statusword_of_a_failure_stops_all(situation, state, bits, message):
     drives.cycle(7)
     assert drives.group.is_stopped and message in drives.group.reason
     assert not any(map(is_enabling, drives.commands()))
+
+
+@pytest.mark.parametrize('situation', ['running', 'ramping', 'halted', 'homing'])
+@pytest.mark.parametrize('mode', [0, 1, 3, 6, 8])
+def test_enabled_drive_in_another_mode_stops_all_at_once(situation, mode):
+    drives = SITUATIONS[situation]()
+    is_right = mode == (
+        Mode.HOMING if situation == 'homing' else Mode.CYCLIC_SYNCHRONOUS_POSITION
+    )
+    drives.deaf = {1}
+    drives.modes[1] = mode
+    drives.cycle()
+    assert drives.group.is_stopped is not is_right
+    assert is_right or f'in mode {mode} instead of' in drives.group.reason
 
 
 @pytest.mark.parametrize(
