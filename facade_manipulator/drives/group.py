@@ -298,7 +298,9 @@ class Group:
         ):
             self.not_responding.add(name)
             remedy = 'switch the power of the drives off, check why they keep it'
-            self.stop(Cause(failure, remedy, name, configure_again=True), now)
+            self.stop(
+                Cause(failure, remedy, name, configure_again=True, is_vague=True), now
+            )
             self._begin(plans.CUT_POWER, now)
 
     def _require(
