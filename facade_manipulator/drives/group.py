@@ -61,6 +61,7 @@ class Group:
         self.monitors = monitors
         self._settings = settings
         self.causes: tuple[Cause, ...] = ()
+        self._cleared: tuple[Cause, ...] = ()  # the causes that the last reset clears
         self.not_responding: set[str] = set()
         self.homing: tuple[Homing, ...] = ()
         self.is_confirmed = False
@@ -156,6 +157,8 @@ class Group:
         """
         self._require('clear_faults', self.has_stopped)
         self.require_resettable()
+        self._cleared = self.causes
+        self.causes = ()
         self._begin(plans.RESET, now)
 
     def require_resettable(self) -> None:
@@ -252,6 +255,8 @@ class Group:
             if failure:
                 failures[one.name] = failure
         self.is_settled = is_done and not failures
+        if failures and self.state is ControllerState.CLEARING:
+            self.causes += tuple(one for one in self._cleared if one.axis in failures)
         for name, failure in failures.items():
             self._fail(name, failure, now)
 
