@@ -80,6 +80,9 @@ class Session:
         The reason why the bus of configured drives is lost, ``''`` if it is not.
     forbidden : str
         The reason why no drive may have power, ``''`` if it may.
+    unconfirmed : str
+        The drives whose power the last cleanup has not confirmed off, as a message; ``''`` for
+        none, or after the next configure.
 
     """
 
@@ -112,6 +115,7 @@ class Session:
         }
         self._open_bus = open_bus
         self.forbidden, self.is_closed = '', False
+        self.unconfirmed = ''
         self._forget()
 
     def _forget(self) -> None:
@@ -286,6 +290,7 @@ def _start_cycle(session: Session, exchange: CyclicExchange) -> Steps[None]:
     if any(cause.configure_again for cause in group.causes):
         raise DriveError(group.reason)
     session.is_configured = True
+    session.unconfirmed = ''
 
 
 def _prepare(session: Session, exchange: CyclicExchange) -> Steps[list[str]]:
@@ -517,8 +522,7 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
     since = session.now
     end = since + STOP_AND_CUT * session.settings.step_timeout
     if not session.is_configured:
-        session.close_bus(session.without_power())
-        return 'The bus is closed; no drive was configured.'
+        return _close_unconfigured(session)
     if not session.lost:
         session.group.cut_power(since)
     while (
@@ -548,11 +552,20 @@ def _cut_power_and_close(session: Session) -> Steps[str]:
     )
     session.close_bus([one for one in session.monitors if one not in unsure])
     if unsure:
-        raise DriveError(
+        session.unconfirmed = (
             f'The bus is closed, but the power of {" and ".join(one.title for one in unsure)} is '
             f'not confirmed off: {reason}; switch the supply off before a person reaches in'
         )
+        raise DriveError(session.unconfirmed)
     return 'The drives have confirmed that their power is off; the bus is closed.'
+
+
+def _close_unconfigured(session: Session) -> str:
+    """Close the bus; raise the DriveError of an earlier cleanup that could not confirm."""
+    session.close_bus(session.without_power())
+    if session.unconfirmed:
+        raise DriveError(session.unconfirmed)
+    return 'The bus is closed; no drive was configured.'
 
 
 def _unconfirmed(session: Session, since: float) -> list[AxisMonitor]:
