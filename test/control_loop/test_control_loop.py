@@ -219,3 +219,13 @@ def test_software_stop_shorter_than_a_cycle_stops_the_drives():
     ((_, succeeded, answer),) = rig.sent['reply']
     assert succeeded and 'cleared (the red button is pressed)' in answer
     assert rig.drive_states == OFF
+
+
+def test_end_after_an_unconfirmed_cleanup_reports_the_power_unknown():
+    rig = LoopRig(step_timeout=0.3)
+    at_rest(rig)
+    rig.controller.stop('the operator stops')
+    rig.until_stopped()
+    rig.drives[1].is_silent = True
+    assert 'not confirmed off' in rig.rejection('cleanup')
+    assert rig.loop.close() is False

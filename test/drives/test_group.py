@@ -312,7 +312,50 @@ def test_precise_cause_of_an_axis_replaces_a_vague_one(first, later, is_explaine
     )
 
 
+@pytest.mark.parametrize('is_vague', [False, True])
+@pytest.mark.parametrize('configure_again', [False, True])
+@pytest.mark.parametrize('axis', ['', 'q1', 'q2'])
+def test_drive_that_does_not_stop_keeps_the_first_cause(
+    axis, configure_again, is_vague
+):
+    drives = running()
+    first = Cause('it began', 'help', axis, False, configure_again, is_vague)
+    drives.deaf, drives.at_rest = {1}, False
+    drives.ask(Group.stop, first)
+    drives.cycle(200)
+    assert drives.group.causes[0] == first
+    assert any('q2 did not stop' in one.message for one in drives.group.causes)
+    assert drives.group.severest_cause.configure_again
+
+
 # --- clearing
+
+
+@pytest.mark.parametrize('cycles', range(6))
+@pytest.mark.parametrize('old', [STOP, replace(STOP, axis='q1')])
+def test_fault_during_a_reset_is_the_first_cause(old, cycles):
+    drives = running()
+    drives.ask(Group.stop, old)
+    drives.cycle(5)
+    drives.ask(Group.reset)
+    drives.cycle(cycles)
+    drives.ask(Group.stop, RESTART)
+    assert drives.group.causes == (RESTART,)
+
+
+def test_fault_that_a_reset_does_not_clear_keeps_its_cause():
+    drives = running()
+    fault = Cause('q2: overcurrent', 'look it up', 'q2')
+    drives.ask(Group.stop, STOP)
+    drives.ask(Group.stop, fault)
+    drives.states[1], drives.deaf = State.FAULT, {1}
+    drives.cycle(5)
+    drives.ask(Group.reset)
+    drives.cycle(200)
+    assert drives.group.is_stopped
+    assert drives.group.causes[0] == fault
+    assert 'q2 did not leave the fault' in drives.group.causes[1].message
+    assert STOP not in drives.group.causes
 
 
 @pytest.mark.parametrize(

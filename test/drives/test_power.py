@@ -86,6 +86,23 @@ def test_drive_without_confirmed_power_off_still_watches_the_master(
     assert watched == [0, round(1e3 * IMPATIENT.heartbeat_timeout), 0]
 
 
+def test_close_after_an_unconfirmed_cleanup_names_the_drive_again(make_rig):
+    rig = make_rig(settings=IMPATIENT)
+    stop_with_power(rig, fall_silent)
+    answer = rig.rejection('cleanup').partition('; next')[0]
+    assert 'the power of q2 (node 2) is not confirmed off' in answer
+    assert answer in rig.rejection('close')
+
+
+def test_configure_after_an_unconfirmed_cleanup_forgets_it(make_rig):
+    rig = make_rig(settings=IMPATIENT)
+    stop_with_power(rig, fall_silent)
+    rig.rejection('cleanup')
+    rig.repair()
+    rig.request('configure', 'cleanup')
+    assert 'no drive was configured' in rig.request('close')
+
+
 @pytest.mark.parametrize('has_started', [False, True])
 def test_failed_configure_keeps_the_watch_of_a_silent_drive(rig, has_started):
     job = rig.ask('configure')
