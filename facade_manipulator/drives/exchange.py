@@ -37,6 +37,7 @@ from facade_manipulator.errors import BusError
 LONGEST_WAIT = 0.02  # s, after which requests are read
 # of the heartbeat time-out: after a longer pause of this loop frames may have been dropped
 EXCUSING_PAUSE = 0.5
+SDO_WRITES = {1, 6}  # command specifiers of a client: download, block download
 LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
 _ERROR_CODE_LENGTH = 2  # of an emergency message, which begins with its error code
 # least length of the data, because a drive may pad its frames to 8 bytes; receiver
@@ -103,7 +104,8 @@ class CyclicExchange:
             node = monitor.axis.node_id
             self._routes |= {
                 pdo.EMERGENCY + node: (_ERROR_CODE_LENGTH, monitor.receive_emergency),
-                pdo.HEARTBEAT + node: (1, monitor.receive_heartbeat),
+                pdo.HEARTBEAT + node: (1, partial(self._on_heartbeat, monitor)),
+                pdo.SDO_REQUEST + node: (1, partial(self._on_sdo_request, node)),
                 pdo.SDO_RESPONSE + node: (0, drive.receive),
             }
             for tpdo in monitor.tpdos:
@@ -136,6 +138,28 @@ class CyclicExchange:
                 Remedy.OTHER_MASTER,
             )
         )
+
+    def _on_sdo_request(self, node: int, frame: Frame) -> Cause | None:
+        """Return the cause of a stop for a write of another master; reading changes nothing."""
+        is_write = frame.data[0] >> 5 in SDO_WRITES
+        name = f'an SDO {"write" if is_write else "request"} to node {node}'
+        return self._on_other_master(name, is_write, frame)
+
+    def _on_heartbeat(self, monitor: AxisMonitor, frame: Frame) -> Cause | None:
+        """
+        Receive a heartbeat; return the cause of a stop, if any.
+
+        No quick stop reaches a drive that another master has made pre-operational. The NMT
+        command *stop* does, and a drive with power then stops as configured by 6007h.
+        """
+        cause = monitor.receive_heartbeat(frame)
+        if self.has_started and monitor.is_unreachable:
+            self._stop_node(monitor)
+        return cause
+
+    def _stop_node(self, monitor: AxisMonitor) -> None:
+        monitor.expect('STOPPED')
+        self.command('STOPPED', monitor.axis.node_id)
 
     @staticmethod
     def _other_master(name: str) -> BusError:
@@ -293,8 +317,7 @@ class CyclicExchange:
                 targets.withdraw()
         for monitor in group.monitors:
             if monitor.name in group.not_responding - taken_out:  # despite a quick stop
-                monitor.expect('STOPPED')
-                self.command('STOPPED', monitor.axis.node_id)
+                self._stop_node(monitor)
 
     def _failures(self) -> list[Cause]:
         """Return the causes of a stop by silent drives, and by the cycle unless stopped."""

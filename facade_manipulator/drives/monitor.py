@@ -26,10 +26,12 @@ from facade_manipulator.drives.snapshot import AxisSnapshot, Cause, Remedy
 from facade_manipulator.drives.states import (
     AxisCommand,
     Controlword,
+    decode_state,
     Mode,
     State,
     Status,
     STATUSWORDS,
+    UNPOWERED_STATES,
 )
 from facade_manipulator.errors import DriveStateError
 
@@ -130,6 +132,8 @@ class AxisMonitor:
         self.heartbeat_time: float | None = None
         #: number of boot-up messages since the last reset, or since the begin of supervision
         self.boot_ups = 0
+        #: whether the drive may have power and has ceased to receive commands by process data
+        self.is_unreachable = False
         #: whether the drive was silent, so that it may have restarted unnoticed
         self.is_lost = False
         self._may_miss = (
@@ -318,7 +322,10 @@ class AxisMonitor:
         if self.nmt_state == self._commanded:
             self._expected = {self._commanded}
         is_pre_operational = self.nmt_state == 'PRE-OPERATIONAL'
-        if is_pre_operational and self.nmt_state not in self._expected:
+        is_uncommanded = is_pre_operational and self.nmt_state not in self._expected
+        may_have_power = decode_state(self.statusword) not in UNPOWERED_STATES
+        self.is_unreachable = is_uncommanded and may_have_power
+        if is_uncommanded:
             self.encoder.distrust()  # the drive may have restarted
         if self.nmt_state == 'INITIALISING':
             self.boot_ups += 1
