@@ -21,6 +21,7 @@ from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import BusCongestedError
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.snapshot import ControllerState, Remedy
+from facade_manipulator.drives.states import State
 from facade_manipulator.errors import BusError
 
 pytestmark = pytest.mark.long
@@ -382,3 +383,42 @@ def test_states_during_configure_are_at_most_100_a_second(rig):
     job = rig.ask('configure')
     rig.until(lambda: job.done() or has_started(rig))
     assert len(observed) <= 100.0 * (rig.clock.now - begin) + 10
+
+
+# --- another master that changes the drives
+
+
+@pytest.mark.parametrize('nodes', [[0], [2]], ids=['all', 'q2'])
+def test_pre_operational_drives_with_power_stop_within_100_ms(rig, nodes):
+    in_motion(rig)
+    for node in nodes:
+        rig.forge(0, bytes([128, node]))
+    rig.run(0.1)
+    assert State.OPERATION_ENABLED not in rig.drive_states
+    rig.recover()
+
+
+@pytest.mark.parametrize('situation', ['configured', 'active in motion'])
+@pytest.mark.parametrize(
+    'write', [b'\x23\x16\x10\x01', b'\xc2\x16\x10\x01', b'\x21\x16\x10\x01']
+)
+def test_sdo_write_of_another_master_stops_all(rig, situation, write):
+    SITUATIONS[situation](rig)
+    rig.forge(0x602, write + bytes(4))
+    rig.until_stopped()
+    assert 'another master is on the bus, an SDO write to node 2' in rig.all_causes
+
+
+def test_object_changed_by_another_master_needs_configure(rig):
+    at_rest(rig)
+    rig.forge(0x602, b'\x23\x16\x10\x01' + bytes(4))
+    rig.until_stopped()
+    assert 'object 1016h:01 reads back as 0' in rig.rejection('clear_faults')
+    rig.recover()
+
+
+def test_sdo_read_of_another_master_stops_nothing(rig):
+    at_rest(rig)
+    rig.forge(0x602, b'\x40\x16\x10\x01' + bytes(4))
+    rig.run(0.2)
+    assert rig.state is ControllerState.ACTIVE
