@@ -8,6 +8,8 @@ seen clear. With them success also counts at the home position. Other methods al
 where the carriage is at home already. With them success counts if it is steady and the carriage
 stays exactly at home.
 With any method a drive that reports success at another position has failed.
+Some drives never set bit 10, "target reached", or only for a moment (`Quirks`). With them bit 12
+counts once the carriage is at rest.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ _OUTCOME = _SUCCESS | Status.HOMING_ERROR
 SETTLING_CYCLES = 5
 STEADY_TIME = 0.2  # s, of a success that was not seen clear, since the start
 HOME_TOLERANCE = 2  # counts, where the drive takes the present position as home
+REST_SPEED = 0.002  # m/s, below which a carriage that has homed is at rest
 HOME_NOISE = 0.001  # m, where it looks for a switch or a stop
 METHODS_AT_PRESENT_POSITION = frozenset({35, 37})
 
@@ -55,6 +58,9 @@ class Homing:
         self._success = _SUCCESS if needs_bit_10 else Status.HOMING_ATTAINED
         self._needs_bit_10 = needs_bit_10
         self._counts = self._cycles_at_rest = 0
+        self._most_at_rest = max(
+            HOME_TOLERANCE, abs(axis.to_counts(REST_SPEED * period))
+        )
         self._seen_clear = False
         self._cycles_at_home = 0  # in a row, with success
 
@@ -70,7 +76,7 @@ class Homing:
         at a position other than the home position, and a timeout.
         """
         self._cycles += 1
-        is_still = abs(counts - self._counts) <= HOME_TOLERANCE
+        is_still = abs(counts - self._counts) <= self._most_at_rest
         self._counts = counts
         self._cycles_at_rest = self._cycles_at_rest + 1 if is_still else 0
         is_at_rest = self._needs_bit_10 or self._cycles_at_rest >= SETTLING_CYCLES
