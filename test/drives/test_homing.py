@@ -139,6 +139,28 @@ def test_home_is_the_rest_position_after_the_switch(beyond, is_home, side):
     assert axis.homing.is_homed == is_home
 
 
+@pytest.mark.parametrize('pulses_per_revolution', [500, 2**22])
+def test_homing_without_bit_10_ends_at_rest(pulses_per_revolution):
+    axis = AxisSettings(
+        homing_method=17,
+        homing_speed=1.0,
+        pulses_per_revolution=pulses_per_revolution,
+    )
+    homing = Homing('q1', axis, PERIOD, needs_bit_10=False)
+    home = axis.to_counts(axis.home_position)
+    homing.advance(UNDER_WAY, home)
+    for cycle in range(20):  # it still moves by 0.1 mm in each cycle
+        homing.advance(
+            0x0027 | Status.HOMING_ATTAINED, home + axis.to_counts(1e-4 * cycle)
+        )
+        assert not homing.is_homed
+    noise = axis.to_counts(1e-5)
+    for cycle in range(SETTLING_CYCLES + 1):
+        assert not homing.is_homed
+        homing.advance(0x0027 | Status.HOMING_ATTAINED, home + noise * (cycle % 2))
+    assert homing.is_homed
+
+
 # --- all three axes
 
 
