@@ -13,6 +13,7 @@ from facade_manipulator.drives.cycle import (
     COMMANDS_DUE,
     CycleClock,
     FIRST_ANSWER_DUE,
+    MIN_GAP,
     OTHERS_DUE,
     SYNC_MISSING,
     SYNC_OVERDUE,
@@ -109,6 +110,15 @@ def test_answers_after_the_step_do_not_count(late, has_kernel_sync):
     assert is_due(clock, 2.1 * T, answers=1)
     clock.finish(2.1 * T)
     assert clock.statistics.incomplete == 1
+
+
+@pytest.mark.parametrize('end', [0.5, 0.95, 1.4])
+def test_sync_of_the_loop_follows_late_commands_by_a_gap(end):
+    clock = started()
+    clock.begin(0.0, 0.0)
+    clock.finish(0.1 * T)
+    assert clock.finish_commands(end * T)
+    assert clock.next_event == pytest.approx(max(1.0, end + MIN_GAP) * T)
 
 
 def late(clock, number):
