@@ -38,6 +38,7 @@ from facade_manipulator.errors import (
 )
 
 DEVICE_TYPE = 402
+IS_OPERATIONAL = 'is operational'  # use of a drive by another master, or by itself
 Read = Callable[[int, int], 'int | None']
 
 
@@ -437,10 +438,7 @@ class Drive(SdoChannel):
             return f'{monitor.title} has power ({state.value})'
         is_operational = monitor.nmt_state == 'OPERATIONAL'
         if is_operational and not misses_us and not self._starts_itself():
-            return (
-                f'{monitor.title} is operational (if it is so again after its supply was off, '
-                'it starts itself: set quirks.starts_itself in its profile)'
-            )
+            return f'{monitor.title} {IS_OPERATIONAL}'
         return ''
 
     def _starts_itself(self) -> bool:

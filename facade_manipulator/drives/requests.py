@@ -28,7 +28,7 @@ from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.sdo import expedited_download
 from facade_manipulator.drives import realtime
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
-from facade_manipulator.drives.configuration import Drive, drive_writes
+from facade_manipulator.drives.configuration import Drive, drive_writes, IS_OPERATIONAL
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.exchange import CyclicExchange
 from facade_manipulator.drives.group import Group
@@ -231,9 +231,15 @@ def configure(session: Session) -> Steps[str]:
     uses = yield from _each(session, Drive.use, ASKING_TIMEOUT)
     exchange.expect_sync(any(one.produces_sync for one in exchange.drives))
     if used := ', '.join(filter(None, uses)):
+        hint = ''
+        if IS_OPERATIONAL in used:
+            hint = (
+                '; a drive that is operational again after that starts itself: set '
+                'quirks.starts_itself in its profile'
+            )
         raise DriveStateError(
             f'{used}, which this driver has not commanded: the drives are left unchanged; end '
-            'the other master, or switch their supply off and on'
+            f'the other master, or switch their supply off and on{hint}'
         )
     guard_time = max(one.guard_time for one in exchange.drives)
     yield from _listen(exchange, LISTEN_PERIODS * guard_time)
