@@ -181,7 +181,7 @@ def test_drive_that_starts_itself_needs_its_quirk(make_rig, axes_with, knows):
     if knows:
         assert message is None
     else:
-        assert 'it starts itself: set quirks.starts_itself in its profile' in message
+        assert 'starts itself: set quirks.starts_itself in its profile' in message
 
 
 @pytest.mark.parametrize(('startup', 'is_accepted'), [(0, True), (4, False)])
