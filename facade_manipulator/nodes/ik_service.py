@@ -59,6 +59,10 @@ class IkServiceNode(Node):
         # of the last goal, on the monotonic clock [s]: its instant, its reception
         self._followed_time = -math.inf
         self._followed_at = -math.inf
+        # the first pose after a pause, with its reception [s, monotonic]: it begins a stream, or
+        # an approach if no other follows
+        self._first: tuple[float, Pose] | None = None
+        self._is_at_rest = True  # before the approach has begun
         self._waiting: tuple[float, Pose] | None = (
             None  # goal before activation, when received
         )
@@ -100,25 +104,46 @@ class IkServiceNode(Node):
             self._stream.certify(pose)
             self._waiting = monotonic(), pose
             return
-        is_single = abs(time - self._followed_time) > STREAM_GAP
-        if is_single:  # an approach begins at the head
+        is_first = abs(time - self._followed_time) > STREAM_GAP
+        if is_first:  # an approach begins at the head
             self.inputs.require_sole(topics.JOINT_STATES.name)
-        self._followed_time, self._followed_at = time, monotonic()
-        if is_single and self._head is not None:
+        self._followed_time = time
+        self._followed_at = monotonic()
+        if is_first and self._head is not None:
             self._stream.certify(pose)
-            begin = monotonic() + LEAD
-            if self._approach_timer.is_canceled():  # the head is at rest
-                self._approach.initialise(begin, HeadMotion(self._head), pose)
-            else:
-                self._approach.retarget(begin, pose)
-            self._approach_timer.reset()
+            self._first = self._followed_at, pose
+            if self._approach_timer.is_canceled():
+                self._is_at_rest = True
+                self._stream.setpoint(time, pose)  # the next pose has a velocity
+                self._approach_timer.reset()
         else:
-            self._approach_timer.cancel()
+            self._cancel_approach()
             self._send(time, pose)
 
+    def _cancel_approach(self) -> None:
+        self._first = None
+        self._approach_timer.cancel()
+
+    def _begin_approach(self, pose: Pose) -> None:
+        """Begin to approach a pose that no other pose has followed."""
+        self._first = None
+        begin = monotonic() + LEAD
+        if not self._is_at_rest:
+            self._approach.retarget(begin, pose)
+        elif self._head is not None:
+            self._approach.initialise(begin, HeadMotion(self._head), pose)
+        else:
+            self._approach.initialise(begin, HeadMotion(pose), pose)
+        self._is_at_rest = False
+
     def _continue_approach(self) -> None:
+        """Send the next setpoint of an approach; begin an approach that is due."""
+        if self._first is not None and monotonic() - self._first[0] > STREAM_GAP:
+            self._begin_approach(self._first[1])
+        if self._is_at_rest:
+            return
         time = monotonic() + LEAD
-        if time >= self._approach.arrival():
+        if time >= self._approach.arrival() and self._first is None:
             self._approach_timer.cancel()
         try:
             self._send(time, self._approach.at(time).position)
@@ -140,7 +165,7 @@ class IkServiceNode(Node):
 
     def _end_approach(self, _: PoseStamped | None, error: ManipulatorError) -> None:
         """End the approach, because a goal or a pose on the path to the goal is rejected."""
-        self._approach_timer.cancel()
+        self._cancel_approach()
         self._rejected = str(error)
         self.diagnostics.publish_change(self._outcome())
 
@@ -204,7 +229,7 @@ class IkServiceNode(Node):
         """Follow only goals that were received after the activation of the drives."""
         self._rejected = ''
         if not self._driver.may_move(self._followed_at):
-            self._approach_timer.cancel()
+            self._cancel_approach()
         if self._waiting is not None and self._driver.may_move(self._waiting[0]):
             (_, pose), self._waiting = self._waiting, None
             with self.diagnostics.counted():
