@@ -11,11 +11,14 @@ from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 import os
+import signal
 import sys
+from types import FrameType
 
 from facade_manipulator.commands import missing_package
 
 CANNOT_START = 2  # exit status
+INTERRUPTED = 130  # exit status, as a shell reports Ctrl-C
 OF_WHEELS = 'rmw_fastrtps_cpp'
 # nothing is drawn in a window by these; a value of another project may end the import
 SETTINGS = {'MPLBACKEND': 'agg', 'MUJOCO_GL': 'disable'}
@@ -24,13 +27,23 @@ SETTINGS = {'MPLBACKEND': 'agg', 'MUJOCO_GL': 'disable'}
 def run(name: str, module: str) -> int:
     """Run the function `main` of a module of this package; return its exit status."""
     os.environ.update(SETTINGS)
+    # an import takes a second, and an exception in it may be caught or printed
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _end)
     try:
         main = import_module(f'facade_manipulator.{module}').main
     except ModuleNotFoundError as error:
         print(f'{name}: {missing_package(error)}', file=sys.stderr)
         return CANNOT_START
+    signal.signal(signal.SIGINT, before)
     status: int = main()
     return status
+
+
+def _end(_: int, __: FrameType | None) -> None:
+    """End the process at once, before anything has been started."""
+    os._exit(INTERRUPTED)
 
 
 def run_with_ros(name: str, module: str) -> int:
