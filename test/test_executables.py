@@ -6,10 +6,13 @@ import json
 import os
 from pathlib import Path
 import re
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
+from support import DEADLINE
 
 from facade_manipulator import executables
 from facade_manipulator.commands import EXTRA_OF
@@ -113,6 +116,32 @@ def test_executable_names_the_extra_of_a_missing_package(tmp_path, package):
     for words, (status, error) in found.items():
         assert status == 0 or sentence in error, f'{words}: {error}'
         assert 'Traceback' not in error
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize('name', ['driver', 'commission', 'stopping'])
+@pytest.mark.parametrize('delay', [0.05, 0.2, 0.5])
+def test_interrupt_during_the_import_prints_no_traceback(tmp_path, name, delay):
+    code = (
+        'import sys\n'
+        'from facade_manipulator import executables\n'
+        'sys.argv = sys.argv[1:]\n'
+        'print("starting", flush=True)\n'
+        'sys.exit(getattr(executables, sys.argv[0])())\n'
+    )
+    process = subprocess.Popen(
+        [sys.executable, '-c', code, name, '--help'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        cwd=tmp_path,
+        text=True,
+    )
+    assert process.stdout.readline() == 'starting\n'
+    time.sleep(delay)  # the moment of the interrupt
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=DEADLINE)
+    assert 'Traceback' not in errors
+    assert process.returncode in (0, executables.INTERRUPTED)
 
 
 def test_extras_install_the_packages_that_messages_name():

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 import math
+from time import monotonic
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
@@ -116,6 +117,28 @@ def test_single_pose_is_approached_from_the_head(bench):
         )
         <= ReferenceSettings().speed[0] + 1e-4  # stamps are rounded to 0.24 us
     )
+
+
+@pytest.mark.parametrize('period', [0.01, 0.05, 0.15])
+def test_first_pose_of_a_stream_starts_no_approach(bench, period):
+    bench.until_head(MIDDLE._replace(x=MIDDLE.x - 0.01))
+    begin = monotonic()
+    poses = [MIDDLE._replace(x=MIDDLE.x + 0.001 * number) for number in range(6)]
+    for number, pose in enumerate(poses):
+        due = begin + number * period
+        bench.until(lambda end=due: monotonic() >= end, 'the next pose')
+        bench.send(pose, bench.now())
+    bench.until(
+        lambda: (
+            bench.setpoints
+            and bench.setpoints[-1].position[2] == pytest.approx(poses[-1].x)
+        ),
+        'the last setpoint',
+    )
+    q3 = [item.position[2] for item in bench.setpoints]
+    assert {round(one, 9) for one in q3} <= {round(pose.x, 9) for pose in poses[1:]}
+    assert min(item.velocity[2] for item in bench.setpoints) > 0.0
+    assert not bench.is_approaching
 
 
 def test_single_pose_is_approached_after_clock_is_set_back(bench):
