@@ -51,7 +51,8 @@ def test_estimate_continues_after_a_clock_step(ros, set_clock, step):
     events = len(sensors.tested._estimator.events)
     set_clock(step)
     sensors.until_estimates(150)
-    assert [event.text for event in sensors.tested._estimator.events][events:] == []
+    newer = [event.text for event in sensors.tested._estimator.events][events:]
+    assert not any('restart' in text for text in newer)
 
 
 @STEPS
