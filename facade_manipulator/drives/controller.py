@@ -166,6 +166,8 @@ class DriveController(Session):
     def _turn(self) -> None:
         while self._inputs and not self.is_closed:
             self._inputs.popleft()()
+            if self._operation is not None and self.group.is_stopped:
+                self._resume(self._operation)  # answer a request that a stop has ended
         if self.exchange is not None:
             self.exchange.turn(self._inputs)
         elif not self.is_closed:
@@ -199,8 +201,6 @@ class DriveController(Session):
                 DriveStateError('the drive controller is closed')
             )
             return
-        if self._operation is not None and self.group.is_stopped:
-            self._resume(self._operation)  # answer a request that a stop has ended
         running, request = self._operation, operation.request
         reason = ''
         is_closing = running is not None and running.name == 'close'
