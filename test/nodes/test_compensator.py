@@ -380,6 +380,8 @@ def test_goal_before_driver_status_is_answered_in_time(ros, monkeypatch, later, 
 @pytest.mark.parametrize('during', [False, True])
 def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, during):
     monkeypatch.setattr('facade_manipulator.nodes.driver_status.SILENCE', 0.3)
+    # shorter than the silence, as in the node
+    monkeypatch.setattr('facade_manipulator.nodes.compensator.STATUS_PERIOD', 0.075)
     neighbours = Neighbours(ros)
     watch = neighbours.tested._driver
     neighbours.publish_driver('inactive', next_step='activate')
