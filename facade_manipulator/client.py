@@ -30,7 +30,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from facade_manipulator import topics
-from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.errors import attributed, ManipulatorError
 from facade_manipulator.kinematics import Carriages, Pose
 from facade_manipulator.nodes.conversions import pose_stamped, ros_time
 from facade_manipulator.nodes.driver_status import SILENCE
@@ -296,7 +296,8 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self.driver_state()
         response = self._call(service)
         if not response.success:
-            raise RequestRejectedError(f'{service.name} rejected: {response.message}')
+            name = service.name.removeprefix('driver/')
+            raise RequestRejectedError(attributed(name, 'rejected', response.message))
         return response.message
 
     def _change_state(self, label: str, *reached: str) -> None:
@@ -308,7 +309,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             # The response cannot contain a reason, and the driver repeats the reason until the
             # next request.
             reason = self._next_driver_values(self.driver_state())['message']
-            raise RequestRejectedError(f'{label} rejected: {reason}')
+            raise RequestRejectedError(attributed(label, 'rejected', reason))
 
     def _next_driver_values(self, label: str = '') -> dict[str, str]:
         """

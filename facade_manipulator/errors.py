@@ -20,7 +20,7 @@ Exceptions of the package, arranged by the reaction of the caller.
         ├── DriveTimeoutError                the drive did not answer
         └── DriveObjectError                 an object or the identity is not as configured
 
-Messages contain the value, the bound and the unit.
+Messages contain the value, the limit with its unit, and one next step.
 """
 
 from __future__ import annotations
@@ -56,18 +56,71 @@ def joined(*messages: str) -> str:
     return f'{problem}{NEXT}{", then ".join(steps)}' if steps else problem
 
 
+def attributed(subject: str, verb: str, reason: str) -> str:
+    """Return ``'<subject> <verb>: <reason>'``; a reason that names the subject is not repeated."""
+    for known in ('rejected', 'failed'):
+        _, found, rest = reason.rpartition(f'{subject} {known}: ')
+        if found:
+            return f'{found}{rest}'
+    return f'{subject} {verb}: {reason.removeprefix(f"{subject} is ")}'
+
+
 class ManipulatorError(Exception):
-    """Base of all errors that this package raises deliberately."""
+    """
+    Base of all errors that this package raises deliberately.
+
+    `next_step` is the next step of the operator that ends a message without one.
+    """
+
+    next_step = ''
+
+    def __init__(self, message: str = '') -> None:
+        if self.next_step and NEXT not in message:
+            message = f'{message}{NEXT}{self.next_step}'
+        super().__init__(message)
+
+    @property
+    def problem(self) -> str:
+        """Return the message without its next step, for a message with another next step."""
+        return str(self).partition(NEXT)[0]
 
 
 class ParameterError(ManipulatorError, ValueError):
     """A parameter is not finite, out of range, or contradicts another parameter."""
+
+    next_step = 'correct this value'
+
+
+#: next step after the rejection of a message, by its reason
+INPUT_STEPS = {
+    'exception': 'report the traceback in the log of this node',
+    'frame': 'correct the frame of the sender',
+    'future': 'synchronise the clocks',
+    'inconsistent': 'send the velocity of the path',
+    'jump': 'check the estimator',
+    'malformed': 'correct the sender',
+    'names': 'correct the sender',
+    'no_position': 'activate',
+    'not_finite': 'correct the sender',
+    'not_measured': 'check the sensor',
+    'out_of_order': 'let one sender publish in the order of its stamps',
+    'out_of_plane': 'correct the pose',
+    'publishers': 'end one of the nodes',
+    'quality': 'publish the topic with reliable quality of service',
+    'quaternion': 'normalise the quaternion',
+    'range': 'check unit and range of the sensor',
+    'stale': 'synchronise the clocks',
+    'tolerance': 'choose another tolerance',
+}
 
 
 class InputError(ManipulatorError):
     """A message is rejected; `reason`, such as ``'stale'``, selects the counter of rejections."""
 
     def __init__(self, reason: str, message: str) -> None:
+        self.next_step = INPUT_STEPS.get(
+            reason, 'follow the next step on driver/status'
+        )
         super().__init__(message)
         self.reason = reason
 
@@ -95,13 +148,12 @@ def require_recent(
     """
     if not age <= maximum_age:  # NaN is also rejected
         raise InputError(
-            'stale', f'{quantity} is {age:.3f} s old, bound {maximum_age:g} s'
+            'stale', f'{quantity} is {age:.3f} s old, above the limit {maximum_age:g} s'
         )
     if -age > maximum_lead:
         raise InputError(
             'future',
-            f'{quantity} is {-age:.3f} s from the future, bound {maximum_lead:g} s; '
-            'next: synchronise the clocks',
+            f'{quantity} is {-age:.3f} s from the future, above the limit {maximum_lead:g} s',
         )
 
 
@@ -118,21 +170,31 @@ class LimitError(ManipulatorError):
     A quantity, such as ``'q2'`` or ``'q3 - q1'``, is beyond a limit of the machine.
 
     Value and bound are in the unit, ``''`` for a pure number. The relation of the value to the
-    bound completes the message, such as ``'below'`` or ``'not above'``.
+    bound completes the message, such as ``'below'`` or ``'not above'``. The parameter that sets
+    the bound is named if there is one.
     """
 
     reason = 'limit'
+    next_step = 'choose a pose inside the workspace'
 
     def __init__(
-        self, quantity: str, value: float, bound: float, unit: str, relation: str
+        self,
+        quantity: str,
+        value: float,
+        bound: float,
+        unit: str,
+        relation: str,
+        parameter: str = '',
     ) -> None:
         self.quantity = quantity
         self.value = value
         self.bound = bound
         self.unit = unit
         suffix = f' {unit}' if unit else ''
+        source = f' ({parameter})' if parameter else ''
         super().__init__(
-            f'{quantity} = {value:.6g}{suffix} is {relation} the bound {bound:.6g}{suffix}'
+            f'{quantity} = {value:.6g}{suffix} is {relation} the limit '
+            f'{bound:.6g}{suffix}{source}'
         )
 
 
@@ -140,30 +202,35 @@ class UnreachableError(LimitError):
     """The links are too short for the pose: no real solution of eqs 7-8."""
 
     reason = 'unreachable'
+    next_step = 'choose a pose within the reach of the links'
 
 
 class StrokeLimitError(LimitError):
     """A carriage would leave the rail's stroke."""
 
     reason = 'stroke'
+    next_step = 'choose a pose nearer to the middle of the rail'
 
 
 class CarriageGapError(LimitError):
     """Two carriages would come closer than the carriage gap."""
 
     reason = 'carriage_gap'
+    next_step = 'choose a pose with more distance between the carriages'
 
 
 class SingularityError(LimitError):
     """The pose is singular, beyond a singularity or too badly conditioned."""
 
     reason = 'singularity'
+    next_step = 'choose a pose farther from the singularity'
 
 
 class SetpointLimitError(LimitError):
     """A setpoint is too far from the carriages or from the last setpoint."""
 
     reason = 'far_setpoint'
+    next_step = 'begin the stream at end_effector_pose, within the limits of motion'
 
 
 class BusError(ManipulatorError):

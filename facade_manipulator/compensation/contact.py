@@ -310,7 +310,7 @@ class ForceMonitor:
         limit = max(MOST_FORCE * desired, desired + LEAST_EXCESS)
         if self.force > limit:
             return (
-                f'force on the wall = {self.force:.1f} N is above {limit:.1f} N; '
+                f'force on the wall = {self.force:.1f} N is above the limit {limit:.1f} N; '
                 'next: use a softer brush'
             )
         unanswered = abs(self._demanded - self._answered)
@@ -325,7 +325,7 @@ class ForceMonitor:
         )
         if chatter > bound:
             return (
-                f'the force chatters by {chatter:.1f} N RMS, bound {bound:.1f} N; '
+                f'the force chatters by {chatter:.1f} N RMS, above the limit {bound:.1f} N; '
                 'next: increase contact.stiffness or use a softer brush'
             )
         if self.mean < -SIGNIFICANT:

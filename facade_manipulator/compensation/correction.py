@@ -228,7 +228,8 @@ class Correction:
                 'no estimate was received yet'
                 if not self._has_estimates
                 else (
-                    f'the newest estimate is {self.age(now):.1f} s old, bound {SILENCE:g} s'
+                    f'the newest estimate is {self.age(now):.1f} s old, '
+                    f'above the limit {SILENCE:g} s'
                 )
             )
             raise ManipulatorError(

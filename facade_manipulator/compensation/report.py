@@ -260,7 +260,14 @@ class GoalReport:
         self._last = (
             'goal',
             GOAL_LEVELS.get(state, 'ok'),
-            f'{state.value}: {reason}' if reason else state.value,
+            _outcome(state, reason),
             values | self._rejected,
         )
         self._publish(self._last)
+
+
+def _outcome(state: GoalState, reason: str) -> str:
+    """Return state and reason; a reason that begins with the state is the outcome."""
+    if not reason or reason.startswith(state.value):
+        return reason or state.value
+    return f'{state.value}: {reason}'

@@ -84,8 +84,8 @@ class Channel:
         if abs(value) > LARGEST:
             raise InputError(
                 'unit',
-                f'{sensor.name} rejected: {value:.4g} m is beyond '
-                f'{LARGEST:g} m; next: publish it in metres',
+                f'{sensor.name} rejected: {value:.4g} m is beyond the '
+                f'limit {LARGEST:g} m; next: publish it in metres',
             )
         stamp -= sensor.delay
         require_recent(sensor.name, now - stamp, OLDEST, LEAD)

@@ -91,7 +91,7 @@ class ImuGate:
                 raise InputError(
                     'saturated',
                     f'imu rejected: {what} = {value:.3g} {unit} is not '
-                    f'below {bound:g} {unit}; next: check range and unit of the imu',
+                    f'below the limit {bound:g} {unit}; next: check range and unit of the imu',
                 )
         upwards, whole = self._mean[2], math.hypot(*self._mean)
         if whole < MOST_IN_G:

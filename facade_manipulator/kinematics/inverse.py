@@ -129,7 +129,12 @@ def links(geometry: Geometry, pose: Pose) -> Links:
     root2 = square - u2 * u2
     if root1 <= 0.0 or root2 <= 0.0:
         raise UnreachableError(
-            '|y| + b |sin theta|', abs(y) + abs(rise), length, 'm', 'not below'
+            '|y| + b |sin theta|',
+            abs(y) + abs(rise),
+            length,
+            'm',
+            'not below',
+            'geometry.link_length',
         )
     return sine, cos(theta), u1, u2, sqrt(root1), sqrt(root2)
 
@@ -193,16 +198,26 @@ def check_rail(
     """
     gap, (minimum, maximum) = geometry.carriage_gap, geometry.stroke
     if q1 < minimum:
-        raise StrokeLimitError('q1', q1, minimum, 'm', 'below')
+        raise StrokeLimitError('q1', q1, minimum, 'm', 'below', 'geometry.stroke')
     if q2 > maximum:
-        raise StrokeLimitError('q2', q2, maximum, 'm', 'above')
+        raise StrokeLimitError('q2', q2, maximum, 'm', 'above', 'geometry.stroke')
     if distance1 < gap or distance1 <= 0.0:
         raise CarriageGapError(
-            'q3 - q1', distance1, gap, 'm', 'below' if gap else 'not above'
+            'q3 - q1',
+            distance1,
+            gap,
+            'm',
+            'below' if gap else 'not above',
+            'geometry.carriage_gap',
         )
     if distance2 < gap or distance2 <= 0.0:
         raise CarriageGapError(
-            'q2 - q3', distance2, gap, 'm', 'below' if gap else 'not above'
+            'q2 - q3',
+            distance2,
+            gap,
+            'm',
+            'below' if gap else 'not above',
+            'geometry.carriage_gap',
         )
 
 
@@ -218,7 +233,9 @@ def check_branch(number: float, square: float = 1.0, least: float = 0.0) -> None
         )
     index = sqrt(square)
     if index < least:
-        raise SingularityError('conditioning index', index, least, '', 'below')
+        raise SingularityError(
+            'conditioning index', index, least, '', 'below', 'min_conditioning'
+        )
 
 
 def behind_rail(y: float) -> SingularityError:

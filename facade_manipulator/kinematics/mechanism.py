@@ -242,7 +242,9 @@ class Mechanism:
             ('|y + b2 sin theta|', u2, self._link2),
         ):
             if abs(reach) >= length:
-                raise UnreachableError(name, abs(reach), length, 'm', 'not below')
+                raise UnreachableError(
+                    name, abs(reach), length, 'm', 'not below', 'geometry.link_length'
+                )
         return (
             sine,
             cosine,

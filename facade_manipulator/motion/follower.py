@@ -326,7 +326,7 @@ class SetpointFollower:
             motion = direct or limiter.chase(before, position, velocity)
             self._stop = self._checked_stop(limiter, motion)
         except ManipulatorError as error:
-            return self._brake(before, str(error))
+            return self._brake(before, error.problem)
         self.activity = Activity.FOLLOWING if direct else Activity.LIMITED
         self.limited_cycles += direct is None
         return motion

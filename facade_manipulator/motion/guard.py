@@ -188,7 +188,12 @@ def homing_guard(geometry: Geometry) -> Callable[[Vector, tuple[bool, ...]], Non
             distance = actual[right] - actual[left]
             if homed[left] and homed[right] and distance < gap - ROUNDING:
                 raise CarriageGapError(
-                    f'q{right + 1} - q{left + 1}', distance, gap, 'm', 'below'
+                    f'q{right + 1} - q{left + 1}',
+                    distance,
+                    gap,
+                    'm',
+                    'below',
+                    'geometry.carriage_gap',
                 )
 
     return check

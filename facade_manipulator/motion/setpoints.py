@@ -29,12 +29,14 @@ class Setpoint(NamedTuple):
     velocity: Vector
 
 
-def require_within(quantity: str, values: Vector, bound: float, unit: str) -> None:
+def require_within(
+    quantity: str, values: Vector, bound: float, unit: str, parameter: str = ''
+) -> None:
     """Reject a value beyond a bound or NaN; the carriage's name completes the quantity."""
     for carriage, value in zip(kinematics.Carriages._fields, values, strict=True):
         if not abs(value) <= bound:
             raise SetpointLimitError(
-                quantity.format(carriage), abs(value), bound, unit, 'above'
+                quantity.format(carriage), abs(value), bound, unit, 'above', parameter
             )
 
 
@@ -54,8 +56,10 @@ def require_possible(
     Raises a SetpointLimitError or an InputError.
     """
     step = plus(setpoint.position, last.position, -1.0)
-    require_within('setpoint step of {}', step, first_step, 'm')
-    require_within('setpoint velocity of {}', setpoint.velocity, speed, 'm/s')
+    require_within('setpoint step of {}', step, first_step, 'm', 'first_step')
+    require_within(
+        'setpoint velocity of {}', setpoint.velocity, speed, 'm/s', 'twice limits.speed'
+    )
     elapsed = setpoint.time - last.time
     backlash = 0.5 * acceleration * SHORTEST
     bound = max(0.5 * acceleration * elapsed, backlash)
@@ -68,8 +72,8 @@ def require_possible(
             raise InputError(
                 'inconsistent',
                 f'setpoint velocity of {carriage} = {end:.4g} m/s, but its '
-                f'positions change by {mean:.4g} m/s, after {start:.4g} m/s: at most '
-                f'{acceleration:g} m/s^2 are possible',
+                f'positions change by {mean:.4g} m/s, after {start:.4g} m/s, which is above '
+                f'the limit {acceleration:g} m/s^2 (twice limits.acceleration)',
             )
 
 
@@ -144,7 +148,8 @@ class SetpointStream:
         """
         if not 0.0 <= spacing < math.inf:
             raise InputError(
-                'tolerance', f'tolerance = {spacing} m is below 0 or not finite'
+                'tolerance',
+                f'tolerance = {spacing} m is below the limit 0 m or not finite',
             )
         change = kinematics.difference(goal, start)
         length = math.hypot(change.x, change.y) + (
@@ -154,8 +159,8 @@ class SetpointStream:
         if length > LONGEST_PATH * spacing:
             raise InputError(
                 'tolerance',
-                f'a path of {length:.4g} m has more than {LONGEST_PATH} steps of '
-                f'{spacing:g} m',
+                f'a path of {length:.4g} m in steps of {spacing:g} m is above the limit '
+                f'{LONGEST_PATH} steps',
             )
         steps = max(1, math.ceil(length / spacing))
         return [

@@ -119,7 +119,7 @@ def overload(snapshot: ControllerSnapshot) -> str:
         if share <= MAX_LATE_SHARE
         else (
             f'the control loop was late in {100.0 * share:.1f} % of {LATE_WINDOW} cycles, '
-            f'bound {100.0 * MAX_LATE_SHARE:g} %; next: {Remedy.COMPUTER}'
+            f'above the limit {100.0 * MAX_LATE_SHARE:g} %; next: {Remedy.COMPUTER}'
         )
     )
 

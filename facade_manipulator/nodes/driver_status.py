@@ -66,7 +66,9 @@ class DriverStatus(NamedTuple):
                 values.get('power', 'unknown'),
             )
         except (KeyError, ValueError) as error:
-            raise InputError('names', f'driver/status rejected: {error}') from None
+            raise InputError(
+                'names', f'driver/status rejected: {error}; next: end the other program'
+            ) from None
 
 
 SILENT = DriverStatus('silent', 'unknown', 'check whether the driver still runs')

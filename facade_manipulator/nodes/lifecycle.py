@@ -10,7 +10,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode
 from std_srvs.srv import Trigger
 
-from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.errors import attributed, ManipulatorError
 from facade_manipulator.nodes.conversions import steady_timer
 from facade_manipulator.nodes.workarounds import answer_later, LifecycleMachine
 from facade_manipulator.topics import Service
@@ -139,7 +139,9 @@ class ManagedNode(LifecycleNode):
         def finish(reply: Any) -> None:
             succeeded = not isinstance(reply, ManipulatorError)
             self._machine.finish(succeeded)
-            message = str(reply) if succeeded else f'{label} failed: {reply}'
+            message = str(reply)
+            if not succeeded:
+                message = attributed(label, 'failed', message)
             self.report(succeeded, message)
             respond(ChangeState.Response(success=succeeded))
 

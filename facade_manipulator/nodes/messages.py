@@ -68,7 +68,8 @@ def seconds(stamp: Any) -> float:
     """
     if stamp.nanosec >= BILLION:
         raise InputError(
-            'malformed', f'stamp rejected: {stamp.nanosec} ns, bound {BILLION} ns'
+            'malformed',
+            f'stamp rejected: {stamp.nanosec} ns is not below the limit {BILLION} ns',
         )
     return stamp.sec + stamp.nanosec * 1e-9
 
@@ -143,13 +144,15 @@ def planar_pose(message: Any, name: str) -> Pose:
     pose, (height, tilt) = projected(message, name)
     if abs(height) > PLANE_TOLERANCE:
         raise InputError(
-            'out_of_plane', f'{name} z = {height:.6g} m is out of the plane z = 0 m'
+            'out_of_plane',
+            f'{name} z = {height:.6g} m is out of the plane, above the limit '
+            f'{PLANE_TOLERANCE:g} m',
         )
     if tilt > TILT_TOLERANCE:
         raise InputError(
             'out_of_plane',
             f'{name} is tilted by {tilt:.4g} rad out of the plane, '
-            f'bound {TILT_TOLERANCE:g} rad',
+            f'above the limit {TILT_TOLERANCE:g} rad',
         )
     return pose
 

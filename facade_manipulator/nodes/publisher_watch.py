@@ -192,7 +192,7 @@ class PublisherWatch:
     def require_sole(self, name: str) -> None:
         """Raise an InputError with reason ``'publishers'`` while a topic has two publishers."""
         if fault := self._faults.get(name):
-            raise InputError('publishers', f'{name} rejected: {fault}; {NEXT}')
+            raise InputError('publishers', f'{fault}; {NEXT}')
 
     def fault_of(self, name: str) -> str:
         """Return the fault of a topic: two publishers, or one that cannot be received."""
@@ -243,7 +243,7 @@ class PublisherWatch:
             )
             nodes = nodes.replace(NAMELESS, 'unknown')
             self._faults[name] = (
-                f'{name} has {count} publishers ({nodes}), bound {BOUND}'
+                f'{name} has {count} publishers ({nodes}), above the limit {BOUND}'
             )
         if self._faults.get(name, '') != before:
             self._on_change()

@@ -163,8 +163,8 @@ class EstimateGate:
         if tilt > LARGEST_TILT:
             raise InputError(
                 'out_of_plane',
-                f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
-                f'{LARGEST_TILT:g} rad; next: check the estimator',
+                f'disturbance is tilted by {tilt:.4g} rad out of the plane, above the '
+                f'limit {LARGEST_TILT:g} rad; next: check the estimator',
             )
         measured = tuple(
             [
@@ -221,8 +221,8 @@ class EstimateGate:
             if is_known and not abs(value) <= largest:  # NaN after an overflow
                 raise InputError(
                     'range',
-                    f'disturbance {name} = {value:.4g} {unit} is beyond ±{largest:g} '
-                    f'{unit}; next: check its unit and origin',
+                    f'disturbance {name} = {value:.4g} {unit} is beyond the limit '
+                    f'±{largest:g} {unit}; next: check its unit and origin',
                 )
 
     def _check_step(self, stamp: float, pose: Pose, known: Sequence[bool]) -> None:
@@ -238,7 +238,7 @@ class EstimateGate:
                 raise InputError(
                     'jump',
                     f'disturbance {name} jumps by {abs(change):.4g} {unit} in '
-                    f'{elapsed:.3f} s, bound {allowed:.4g} {unit}; next: check the estimator',
+                    f'{elapsed:.3f} s, above the limit {allowed:.4g} {unit}',
                 )
 
     def _estimate(
