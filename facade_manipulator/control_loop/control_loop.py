@@ -146,7 +146,8 @@ class ControlLoop:
                 silence = self._clock.monotonic() - self._fed
                 if silence > bound and self._may_have_power:
                     raise ConnectionError(
-                        f'the driver node has been silent for {silence:.2f} s, bound {bound:g} s'
+                        f'the driver node has been silent for {silence:.2f} s, '
+                        f'above the limit {bound:g} s'
                     )
         except ConnectionError as loss:
             if self._may_have_power:

@@ -186,7 +186,7 @@ class LoopClient:
             _end(self._process)  # its drives miss the master's heartbeat and stop
             self._lose(
                 f'the control loop has sent no state while it was fed '
-                f'{self._unanswered} times, bound {bound}, and was ended; {STOP}'
+                f'{self._unanswered} times, above the limit {bound}, and was ended; {STOP}'
             )
         elif time.monotonic() > self._close_due:
             self._end_closed(0.0)

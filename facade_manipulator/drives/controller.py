@@ -33,7 +33,9 @@ from facade_manipulator.errors import (
     BusError,
     DriveError,
     DriveStateError,
+    joined,
     ManipulatorError,
+    NEXT,
 )
 
 IDLE_WAIT = 1.0  # s, unless a request wakes the thread
@@ -254,8 +256,8 @@ class DriveController(Session):
     def _explained(self, message: str) -> str:
         """Return a reply with the present power and next step."""
         power = f'power: {self._snapshot.power}' if self.is_configured else ''
-        step = self._snapshot.next_step and f'next: {self._snapshot.next_step}'
-        return '; '.join(filter(None, (message.rstrip('.'), power, step)))
+        step = self._snapshot.next_step and f'{NEXT}{self._snapshot.next_step}'
+        return joined(message.rstrip('.'), power, step)
 
     def _reject_rest(self) -> None:
         while self._inputs:

@@ -94,7 +94,7 @@ class CycleClock:
         """Return the causes of a stop: late loop, missing or surplus SYNC, `bound` times."""
         return [
             Cause(
-                f'{failure.format(count)}, bound {bound}',
+                f'{failure.format(count)}, the limit is {bound}',
                 remedy,
                 configure_again=is_lasting,
             )

@@ -93,9 +93,9 @@ class Encoder:
             return ''
         self.distrust()
         distrust = (
-            f'has jumped by {jump:.4g} m, bound {bound:.4g} m'
+            f'has jumped by {jump:.4g} m, above the limit {bound:.4g} m'
             if jump > bound
             else f'has slipped by {self._slipped:.4g} m in all since homing, '
-            f'bound {MOST_SLIPPED:g} m'
+            f'above the limit {MOST_SLIPPED:g} m'
         )
         return f'{distrust}: it can no longer be trusted'

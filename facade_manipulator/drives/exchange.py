@@ -266,7 +266,8 @@ class CyclicExchange:
             self.stop_for(
                 Cause(
                     f'the control loop was paused for {1e3 * pause:.0f} ms, '
-                    f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms',
+                    f'above the limit {1e3 * self._settings.heartbeat_timeout:.0f} ms '
+                    '(controller.heartbeat_timeout)',
                     Remedy.COMPUTER,
                 )
             )

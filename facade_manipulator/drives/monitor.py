@@ -377,12 +377,13 @@ class AxisMonitor:
         if missed >= settings.max_missed_cycles:
             failure = (
                 f'did not answer {missed} cycles in a row, '
-                f'bound {settings.max_missed_cycles}'
+                f'the limit is {settings.max_missed_cycles} (controller.max_missed_cycles)'
             )
         elif age > settings.heartbeat_timeout:
             failure = (
                 f'sent no heartbeat for {1e3 * age:.0f} ms, '
-                f'bound {1e3 * settings.heartbeat_timeout:.0f} ms'
+                f'above the limit {1e3 * settings.heartbeat_timeout:.0f} ms '
+                '(controller.heartbeat_timeout)'
             )
         else:
             return None

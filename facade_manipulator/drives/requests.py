@@ -395,7 +395,8 @@ def activate(session: Session) -> Steps[str]:
             session.mechanism.check_targets(positions)
         except ManipulatorError as error:
             raise DriveStateError(
-                f'activate is not possible from here: {error}; move the carriages by hand'
+                f'activate is not possible from here: {error.problem}; '
+                'next: move the carriages by hand'
             ) from error
     session.group.enable(session.now)
     yield from _until(session, ControllerState.ACTIVE)

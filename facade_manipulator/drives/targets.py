@@ -127,7 +127,7 @@ class TargetSupervisor:
             if abs(errors[-1]) > window:
                 yield Cause(
                     f'{one.title} is {errors[-1]:.4g} m behind its targets by its positions, '
-                    f'bound {window:g} m',
+                    f'above the limit {window:g} m (following_error_window)',
                     Remedy.TRACKING,
                     one.name,
                 )
@@ -137,7 +137,8 @@ class TargetSupervisor:
             first, second = sorted(map(errors.index, (min(errors), max(errors))))
             yield Cause(
                 f'the following errors of {AXIS_NAMES[first]} and {AXIS_NAMES[second]} differ by '
-                f'{difference:.4g} m, bound {window:g} m',
+                f'{difference:.4g} m, above the limit {window:g} m '
+                '(following_error_window)',
                 Remedy.TRACKING,
             )
 
@@ -155,8 +156,9 @@ class TargetSupervisor:
                 if isinstance(error, ManipulatorError)
                 else f'the source of the targets failed: {type(error).__name__}'
             )
+            problem = getattr(error, 'problem', str(error))
             self._group.stop(
-                Cause(f'{failure}: {error}', 'check the source of the setpoints'), now
+                Cause(f'{failure}: {problem}', 'check the source of the setpoints'), now
             )
             self.choose(reach_time)
 
