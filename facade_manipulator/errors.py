@@ -106,7 +106,7 @@ INPUT_STEPS = {
     'out_of_order': 'let one sender publish in the order of its stamps',
     'out_of_plane': 'correct the pose',
     'publishers': 'end one of the nodes',
-    'quality': 'publish the topic with reliable quality of service',
+    'quality': 'correct the quality of service of the publisher',
     'quaternion': 'normalise the quaternion',
     'range': 'check unit and range of the sensor',
     'stale': 'synchronise the clocks',

@@ -1,8 +1,147 @@
 """Messages for an operator: one text, one next step."""
 
+import ast
+from functools import cache
+from pathlib import Path
+import re
+
 import pytest
 
-from facade_manipulator.errors import InputError, joined
+import facade_manipulator
+from facade_manipulator.errors import (
+    attributed,
+    INPUT_STEPS,
+    InputError,
+    joined,
+    LimitError,
+    ManipulatorError,
+    NEXT,
+    ParameterError,
+)
+
+PACKAGE = Path(facade_manipulator.__file__).parent
+DOUBLED = re.compile(r'\b([a-z_]{2,}):? \1\b', re.IGNORECASE)
+# folders whose messages reach a user of the nodes
+FOLDERS = (
+    'kinematics estimation prediction compensation motion nodes control_loop drives'
+)
+
+
+def family(kind):
+    """Return an error class and all classes below it."""
+    found = [kind]
+    for child in kind.__subclasses__():
+        found += family(child)
+    return found
+
+
+@cache
+def texts():
+    """Return the texts of the package with their places; ``{}`` replaces a value."""
+    found = []
+    for path in sorted(PACKAGE.rglob('*.py')):
+        if path.relative_to(PACKAGE).parts[0] not in FOLDERS.split():
+            continue
+        tree = ast.parse(path.read_text())
+        parts = {
+            id(part)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.JoinedStr)
+            for part in node.values
+        }
+        for node in ast.walk(tree):
+            if isinstance(node, ast.JoinedStr):
+                text = ''.join(
+                    part.value if isinstance(part, ast.Constant) else '{}'
+                    for part in node.values
+                )
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                text = '' if id(node) in parts else node.value
+            else:
+                continue
+            if ' ' in text and '\n' not in text:
+                found.append((f'{path.relative_to(PACKAGE)}:{node.lineno}', text))
+    return found
+
+
+def reasons():
+    """Return the reasons of the InputErrors in the package."""
+    found = set()
+    for path in PACKAGE.rglob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if (
+                isinstance(node, ast.Call)
+                and isinstance(node.func, ast.Name)
+                and node.func.id == 'InputError'
+                and isinstance(node.args[0], ast.Constant)
+            ):
+                found.add(node.args[0].value)
+    return found
+
+
+@pytest.mark.parametrize('kind', family(LimitError))
+@pytest.mark.parametrize('parameter', ['', 'geometry.stroke'])
+def test_limit_error_has_value_limit_and_next_step(kind, parameter):
+    error = kind('q1', 0.5, 0.4, 'm', 'above', parameter)
+    source = f' ({parameter})' if parameter else ''
+    assert str(error) == (
+        f'q1 = 0.5 m is above the limit 0.4 m{source}; next: {kind.next_step}'
+    )
+    assert kind.next_step and (error.value, error.bound, error.unit) == (0.5, 0.4, 'm')
+
+
+@pytest.mark.parametrize('reason', sorted(reasons() | {'stopped'}))
+def test_input_error_of_each_reason_has_one_next_step(reason):
+    assert str(InputError(reason, 'wrong')).count(NEXT) == 1
+    assert str(InputError(reason, f'wrong{NEXT}do this')) == f'wrong{NEXT}do this'
+
+
+def test_each_reason_has_a_specific_next_step_and_a_row():
+    """Reasons that are no literals are states of the driver."""
+    own = {'inactive', 'saturated', 'unit', 'mounting', 'exception'}
+    assert reasons() - own <= {*INPUT_STEPS}
+    page = (PACKAGE.parent / 'docs/operation.md').read_text()
+    assert [reason for reason in reasons() if f'`{reason}`' not in page] == []
+
+
+@pytest.mark.parametrize('kind', family(ParameterError))
+def test_parameter_error_has_one_next_step(kind):
+    assert str(kind('rate is wrong')).count(NEXT) == 1
+    outer = kind(f'file rejected: {kind("rate is wrong; next: set 100 Hz")}')
+    assert str(outer) == 'file rejected: rate is wrong; next: set 100 Hz'
+    assert outer.problem == 'file rejected: rate is wrong'
+
+
+def test_error_without_default_keeps_its_message():
+    assert str(ManipulatorError('it failed')) == 'it failed'
+    assert str(ManipulatorError()) == ''
+
+
+def test_texts_have_one_next_step_and_no_doubled_word():
+    assert [place for place, text in texts() if text.count('next: ') > 1] == []
+    doubled = [
+        (place, text)
+        for place, text in texts()
+        if (found := DOUBLED.search(text)) and not found[1].isdigit()
+    ]
+    assert doubled == []
+
+
+def test_texts_name_a_limit_instead_of_a_bound():
+    assert [one for one in texts() if re.search(r'bound \{', one[1])] == []
+
+
+@pytest.mark.parametrize(
+    ('reason', 'expected'),
+    [
+        ('far; next: a', 'home rejected: far; next: a'),
+        ('home rejected: far; next: a', 'home rejected: far; next: a'),
+        ('inactive; home failed: far; next: a', 'home failed: far; next: a'),
+        ('home is not possible yet', 'home rejected: not possible yet'),
+    ],
+)
+def test_attributed_reason_names_its_subject_once(reason, expected):
+    assert attributed('home', 'rejected', reason) == expected
 
 
 @pytest.mark.parametrize(

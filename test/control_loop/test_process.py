@@ -105,7 +105,7 @@ def test_silent_loop_is_ended_after_many_feeds(kind, bound):
     lost = peer.node.snapshot()
     assert lost.state is ControllerState.LOST and lost.unhomed == ('q1', 'q2')
     assert (
-        f'fed {bound + 1} times, bound {bound}, and was ended; the drives stop'
+        f'fed {bound + 1} times, above the limit {bound}, and was ended; the drives stop'
         in lost.cause
     )
     assert 'then configure' in lost.next_step

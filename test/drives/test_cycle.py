@@ -135,9 +135,9 @@ def overdue(clock, number):
 @pytest.mark.parametrize(
     ('happen', 'message', 'is_powered'),
     [
-        (late, 'the control loop was late 3 cycles in a row, bound 3', True),
+        (late, 'the control loop was late 3 cycles in a row, the limit is 3', True),
         (late, None, False),
-        (overdue, 'the kernel sent no SYNC for 3 periods, bound 3', False),
+        (overdue, 'the kernel sent no SYNC for 3 periods, the limit is 3', False),
     ],
 )
 def test_three_late_or_overdue_syncs_stop_drives(happen, message, is_powered):

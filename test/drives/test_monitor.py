@@ -83,7 +83,8 @@ def test_clock_set_forward_keeps_heartbeats_valid(step):
         )
         assert monitor.silence(now) is None
     assert monitor.silence(now + 0.2).message == (
-        'q1 (node 1) sent no heartbeat for 200 ms, bound 150 ms'
+        'q1 (node 1) sent no heartbeat for 200 ms, above the limit 150 ms '
+        '(controller.heartbeat_timeout)'
     )
 
 

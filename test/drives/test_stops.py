@@ -96,7 +96,7 @@ def test_target_beyond_the_check_stops_and_prevents_activation(make_rig):
     assert rig.carriages[0] < HOME[0] + 0.006
     rig.request('clear_faults')
     bounds.append(-0.2)
-    assert 'is above the bound -0.2 m' in rig.rejection('activate')
+    assert 'is above the limit -0.2 m' in rig.rejection('activate')
     assert rig.state is ControllerState.INACTIVE
 
 
@@ -114,7 +114,7 @@ def test_carriage_lagging_into_the_gap_stops_all(make_rig):
     rig.stream()
     rig.until_stopped()
     assert 'the measured mechanism: q3 - q1 = 0.01' in rig.snapshot.cause
-    assert 'below the bound 0.015 m' in rig.snapshot.cause
+    assert 'below the limit 0.015 m' in rig.snapshot.cause
     assert rig.carriages[2] - rig.carriages[0] > 0.004
 
 

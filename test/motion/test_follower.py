@@ -219,7 +219,7 @@ def test_bad_setpoint_is_rejected_and_changes_nothing(setpoint, reason, message)
 def test_velocities_to_twice_the_speed_limit_are_accepted(speed):
     made = follower(limits=replace(LIMITS, speed=speed))
     made.change_limits(replace(LIMITS, speed=0.5 * speed))
-    with pytest.raises(ManipulatorError, match=f'above the bound {2.0 * speed:g} m/s'):
+    with pytest.raises(ManipulatorError, match=f'above the limit {2.0 * speed:g} m/s'):
         made.add(Setpoint(0.1, HOME, (0.0, 2.001 * speed, 0.0)), 0.0)
     made.add(Setpoint(0.1, HOME, (0.0, 1.999 * speed, 0.0)), 0.0)
 

@@ -104,7 +104,7 @@ def test_path_guard_decides_as_the_mechanism_guard(geometry):
             GEOMETRY,
             NEAR,
             (True, False, True),
-            'q3 - q1 = 0.01 m is below the bound 0.02 m',
+            'q3 - q1 = 0.01 m is below the limit 0.02 m (geometry.carriage_gap)',
         ),
         (GEOMETRY, (-0.1, 0.1, 0.0), (True, True, True), ''),
         (GEOMETRY, (-0.4, 0.4, 0.0), (True, True, True), ' is '),

@@ -169,15 +169,21 @@ def test_bad_goal_is_rejected_with_value_and_bound(following):
         (
             ('not_finite', 'goal_pose x = nan', Pose(math.nan, 0.25, 0.0)),
             ('frame', "in frame 'rail', expected 'facade'", GOAL, 'rail'),
-            ('stale', 's old, bound 5 s', Pose(0.0, 0.25, 0.0), 'facade', 5.5),
+            (
+                'stale',
+                's old, above the limit 5 s',
+                Pose(0.0, 0.25, 0.0),
+                'facade',
+                5.5,
+            ),
             (
                 'future',
-                's from the future, bound 1 s',
+                's from the future, above the limit 1 s',
                 Pose(0.0, 0.25, 0.0),
                 'facade',
                 -1.5,
             ),
-            ('unreachable', 'bound 0.352 m', Pose(0.0, 0.5, 0.0)),
+            ('unreachable', 'limit 0.352 m', Pose(0.0, 0.5, 0.0)),
         )
     ):
         following.send_goal(pose, *more)
@@ -247,7 +253,7 @@ def test_second_driver_is_named_as_the_cause_of_silence(ros, neighbours):
     neighbours.until_goal_status('ended: the driver is silent')
     neighbours.send_goal()
     neighbours.until_goal_status(
-        'driver/status has 2 publishers (/second, /tester), bound 1; next: end one'
+        'driver/status has 2 publishers (/second, /tester), above the limit 1; next: end one'
     )
     assert neighbours.rejection_count() == 1 and second.get_subscription_count() == 1
 

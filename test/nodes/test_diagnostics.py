@@ -7,7 +7,7 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.nodes import diagnostics
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 
-STALE = InputError('stale', 'setpoint is 0.300 s old, bound 0.2 s')
+STALE = InputError('stale', 'setpoint is 0.300 s old, above the limit 0.2 s')
 
 
 def test_rejections_are_counted_and_logged_by_reason(ros, monkeypatch, capfd):
@@ -22,14 +22,14 @@ def test_rejections_are_counted_and_logged_by_reason(ros, monkeypatch, capfd):
         with counters.counted():
             raise STALE
     log = capfd.readouterr().err
-    assert log.count('bound 0.2 s') == log.count("goal_pose: in frame 'map'") == 2
+    assert log.count('limit 0.2 s') == log.count("goal_pose: in frame 'map'") == 2
     with pytest.raises(ZeroDivisionError), counters.counted():
         raise ZeroDivisionError
     assert counters.rejections() == {
         'rejected': 40,
         'rejected: frame': 20,
         'rejected: stale': 20,
-        'last rejection': 'setpoint is 0.300 s old, bound 0.2 s',
+        'last rejection': str(STALE),
     }
 
 

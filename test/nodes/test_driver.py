@@ -310,7 +310,7 @@ def test_second_driver_in_a_namespace_gets_no_power(ros):
         Bench(ros, cli_args=['--ros-args', '-r', 'driver/status:=/site/status'])
         for _ in range(2)
     )
-    reason = 'driver/status has 2 publishers (/driver, /driver), bound 1'
+    reason = 'driver/status has 2 publishers (/driver, /driver), above the limit 1'
     ros.until(
         lambda: first.message().startswith(f'unconfigured; {reason}; next: '),
         'the fault',

@@ -38,7 +38,7 @@ def late(share, priority):
         (
             late(MAX_LATE_SHARE + 0.002, 50),
             True,
-            ['late in 0.7 % of 500 cycles, bound 0.5 %', SLOW],
+            ['late in 0.7 % of 500 cycles, above the limit 0.5 %', SLOW],
         ),
         (
             late(0.0, 0),

@@ -159,8 +159,11 @@ def test_impossible_pose_is_rejected_with_value_and_bound(bench):
         (
             (MIDDLE._replace(x=math.nan), 'x = nan is not a finite number'),
             (MIDDLE, "in frame 'facade', expected 'rail'", 0.0, 'facade'),
-            (MIDDLE, 's old, bound 5 s', bench.now() - 3600.0),
-            (MIDDLE._replace(y=0.4), 'bound 0.352 m'),
+            (MIDDLE, 's old, above the limit 5 s', bench.now() - 3600.0),
+            (
+                MIDDLE._replace(y=0.4),
+                'limit 0.352 m (geometry.link_length); next: choose',
+            ),
             (MIDDLE._replace(y=0.055), 'q3 - q1'),
             (MIDDLE._replace(x=0.5), 'q2'),
             (MIDDLE._replace(y=-0.25), 'y = -0.25 m'),
@@ -209,9 +212,19 @@ def test_rejected_solve_has_an_empty_plan_and_a_reason(bench):
             pose_stamped('map', 0.0, MIDDLE),
             0.0,
         ),
-        ('10000 steps', rail(Pose(-0.3, 0.25, 0.0)), rail(Pose(0.3, 0.25, 0.0)), 1e-7),
+        (
+            'limit 10000 steps',
+            rail(Pose(-0.3, 0.25, 0.0)),
+            rail(Pose(0.3, 0.25, 0.0)),
+            1e-7,
+        ),
         ('b |sin', rail(Pose(0.0, 0.25, -0.25)), rail(Pose(0.0, 0.25, 0.5)), 0.0),
-        ('bound 0.352 m', rail(Pose(0.0, 0.4, 0.0), 12.25), None, 0.0),
+        (
+            'limit 0.352 m (geometry.link_length); next: choose',
+            rail(Pose(0.0, 0.4, 0.0), 12.25),
+            None,
+            0.0,
+        ),
     ):
         assert len(bench.solve(goal, start, tolerance).poses) == 0
         bench.until(lambda: bench.rejected_requests, 'the rejection')

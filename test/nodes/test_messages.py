@@ -116,7 +116,7 @@ def carriages(names, values):
         (
             lambda: messages.seconds(Time(sec=1, nanosec=10**9)),
             'malformed',
-            'bound 1000000000 ns',
+            'limit 1000000000 ns',
         ),
         (
             lambda: messages.require_frame('map', 'rail', 'goal'),

@@ -49,11 +49,11 @@ def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros, topic):
         lambda: inputs.diagnostics.rejections()['rejected'] == 3, 'three rejections'
     )
     fault = (
-        f'{NAME} has 2 publishers (/driver, /foreign), bound 1; '
+        f'{NAME} has 2 publishers (/driver, /foreign), above the limit 1; '
         'next: end one of the nodes, or wait 20 s if one has crashed'
     )
     ros.until(lambda: inputs.watch.fault == fault, 'both names')
-    with pytest.raises(InputError, match=re.escape(f'joint_states rejected: {fault}')):
+    with pytest.raises(InputError, match=re.escape(fault)):
         inputs.watch.require_sole(NAME)
     foreign.destroy_publisher(theirs)
     ros.until(lambda: not inputs.watch.fault, 'one publisher')
@@ -80,7 +80,7 @@ def test_incompatible_publisher_is_reported_until_it_leaves(ros, topic, qos, wor
     made = driver.create_publisher(*topic._replace(qos=qos))
     ros.until(lambda: inputs.diagnostics.last_rejection, 'the rejection')
     fault = f'{topic.name} has an incompatible publisher: its {words}'
-    assert inputs.diagnostics.last_rejection == fault
+    assert inputs.diagnostics.last_rejection.startswith(f'{fault}; next: correct')
     for _ in range(3):
         inputs.watch.look()
         assert inputs.watch.fault_of(topic.name) == fault

@@ -13,7 +13,7 @@ from std_msgs.msg import Bool
 from facade_manipulator import topics
 
 CLEARED = 'software_stop is cleared'
-TWO = 'software_stop has 2 publishers (/second, /supervisor), bound 1'
+TWO = 'software_stop has 2 publishers (/second, /supervisor), above the limit 1'
 # requests from one state to the next, the state after a stop, and the reply of clear_faults
 STATES = (
     ((), 'unconfigured', f'{CLEARED}; next: configure, home, activate'),
