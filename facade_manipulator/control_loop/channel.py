@@ -34,6 +34,7 @@ MAY_GET_LOST = (
     'state',
     'rejected',
 )  # the next ones replace them
+LONGEST_MESSAGE = 1 << 16  # bytes, more than any message
 Message = tuple[str, tuple[Any, ...]]  # kind and content
 
 
@@ -112,7 +113,7 @@ class Channel:
         if timeout and not select.select([self._socket], [], [], timeout)[0]:
             return None
         try:
-            data = self._socket.recv(1 << 16, _WITHOUT_WAITING)  # more than any message
+            data = self._receive()
         except BlockingIOError:
             return None
         except OSError:  # this end is closed, or the other process was killed
@@ -121,6 +122,14 @@ class Channel:
             raise ConnectionError('the other process has ended')
         message: Message = pickle.loads(data)
         return message
+
+    def _receive(self) -> bytes:
+        """Return the next message, ``b''`` after the end."""
+        try:
+            return self._socket.recv(LONGEST_MESSAGE, _WITHOUT_WAITING)
+        except ConnectionResetError:
+            # the other process has ended before it read all; its own messages come after this
+            return self._socket.recv(LONGEST_MESSAGE, _WITHOUT_WAITING)
 
     def close(self) -> None:
         """Close this end; the other end raises a ConnectionError."""
