@@ -31,3 +31,18 @@ def test_threads_sending_at_once_neither_wait_nor_mix_messages():
         with pytest.raises(ConnectionError):
             end.receive(0.0)
     theirs.close()
+
+
+def test_last_messages_of_an_ended_process_are_received():
+    """The kernel reports first that the process has left messages unread."""
+    ours, theirs = map(
+        Channel, socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    )
+    ours.send('feed')
+    theirs.send('reply', 1)
+    theirs.send('reply', 2)
+    theirs.close()
+    assert [ours.receive(0.0), ours.receive(0.0)] == [('reply', (1,)), ('reply', (2,))]
+    with pytest.raises(ConnectionError):
+        ours.receive(0.0)
+    ours.close()
