@@ -7,11 +7,11 @@ from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.run import run
 
 
-def launch(end):
+def launch(*ends):
     """Start the observed loop."""
-    number = end.fileno()
+    numbers = [end.fileno() for end in ends]
     return subprocess.Popen(
-        [sys.executable, '-m', 'loop', str(number)], pass_fds=[number]
+        [sys.executable, '-m', 'loop', *map(str, numbers)], pass_fds=numbers
     )
 
 

@@ -1,5 +1,5 @@
 """
-Control loop of the bench on drives that need little processor time: `python -m loop DESCRIPTOR`.
+Control loop of the bench on drives that need little processor time: `python -m loop DESCRIPTOR …`.
 
 The process imports only what the package's control loop imports, because its memory is measured.
 """
@@ -16,34 +16,59 @@ from facade_manipulator.control_loop import control_loop as program
 class ObservedLoop(program.ControlLoop):
     """Control loop that gets ready by itself; cheap drives replace the simulated drives."""
 
-    def __init__(self, setup, channel):
-        super().__init__(setup, channel)
-        self._latencies, self._sending, self._feeds = [], 0.0, 0
+    def __init__(self, setup, channel, **options):
+        super().__init__(setup, channel, **options)
+        self._latencies = []
+        self._messages = 0.0  # processor time of the messages [s]
+        self._feeds = 0
 
     def _feed(self):
         super()._feed()
         self._feeds += 1
         if self._feeds == 2:  # the node runs: the first feed is that of the loop itself
-            start(self._get_ready)
+            if hasattr(program.ControlLoop, 'run'):
+                self._get_ready()
+            else:
+                start(self._get_ready_in_thread)
 
     def _add_setpoint(self, meant, *rest):
         super()._add_setpoint(meant, *rest)
         self._latencies.append(time.time() - meant + HORIZON)
 
+    def _read(self):
+        begin = time.thread_time()
+        super()._read()
+        self._messages += time.thread_time() - begin
+
     def _send_state(self, snapshot):
         begin = time.thread_time()
         super()._send_state(snapshot)
-        self._sending += time.thread_time() - begin
+        self._messages += time.thread_time() - begin
 
-    def _get_ready(self):
+    def _get_ready(self, reply=None, requests=('configure', 'home', 'activate')):
+        """Send the first request; its reply leads to the others."""
+        if isinstance(reply, Exception):
+            raise reply
+        if requests:
+            first, *others = requests
+            self.controller.request(first, lambda reply: self._get_ready(reply, others))
+        else:
+            self._begin()
+
+    def _get_ready_in_thread(self):
         for request in ('configure', 'home', 'activate'):
             self.controller.request(request).result()
+        self._begin()
+
+    def _begin(self):
         start(answer, self._setup.controller.rate)
         self.simulator.stop()
-        report(self._latencies, self._measure)
+        start(report, self._latencies, self._measure)
 
     def _measure(self):
-        channel = cpu_of('MainThread') + self._sending
+        channel = self._messages
+        if not hasattr(program.ControlLoop, 'run'):
+            channel += cpu_of('MainThread')
         return (
             channel + cpu_of_process(os.getppid()),
             time.process_time() - cpu_of('answer') - channel,
@@ -52,4 +77,4 @@ class ObservedLoop(program.ControlLoop):
 
 if __name__ == '__main__':
     program.ControlLoop = ObservedLoop
-    sys.exit(program.main(int(sys.argv[1])))
+    sys.exit(program.main(*map(int, sys.argv[1:])))

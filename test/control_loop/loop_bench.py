@@ -1,8 +1,11 @@
 """Setup of a control loop with simulated drives, and requests to it."""
 
-from concurrent.futures import Future
+import inspect
+import socket
 
-from facade_manipulator.control_loop.channel import LoopSetup
+from replies import future_of
+
+from facade_manipulator.control_loop.channel import Channel, LoopSetup
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.kinematics import Geometry
@@ -21,14 +24,30 @@ SETUP = LoopSetup(
 
 def ask(client, name):
     """Send a request to a loop; return a future of its reply or its error."""
-    answer = Future()
-
-    def receive(reply):
-        if isinstance(reply, Exception):
-            answer.set_exception(reply)
-        else:
-            answer.set_result(reply)
-
-    client.request(name, receive)
+    answer = future_of(client.request, name)
     client.read()  # a lost loop replies at once
     return answer
+
+
+def loop_arguments(ends):
+    """Return the command-line arguments of a loop for its sockets."""
+    return [str(end.fileno()) for end in ends]
+
+
+def channel_pair():
+    """Return both ends of a channel."""
+    number = len(inspect.signature(Channel).parameters)  # of its sockets
+    pairs = [
+        socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(number)
+    ]
+    return tuple(Channel(*ends) for ends in zip(*pairs, strict=True))
+
+
+def waiting_messages(channel):
+    """Yield the messages that wait in a channel, of a stream after the commands."""
+    if hasattr(channel, 'receive'):
+        while message := channel.receive(0.0):
+            yield message
+    else:
+        yield from channel.commands()
+        yield from channel.stream(1000)

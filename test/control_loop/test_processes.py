@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 
-from control_loop.loop_bench import ask, SETUP
+from control_loop.loop_bench import ask, loop_arguments, SETUP
 import pytest
 from support import DEADLINE, wait_until
 
@@ -28,7 +28,7 @@ import sys, threading
 from facade_manipulator.control_loop import control_loop
 control_loop.END_TIMEOUT = 1
 control_loop.ControlLoop.close = lambda loop: threading.Event().wait()
-sys.exit(control_loop.main(int(sys.argv[1])))
+sys.exit(control_loop.main(*map(int, sys.argv[1:])))
 """
 
 
@@ -80,12 +80,13 @@ def test_sigterm_to_the_loop_ends_it_in_order(start_loop):
 
 def test_loop_that_cannot_end_is_ended_by_the_kernel(start_loop):
     client = start_loop(
-        lambda end: subprocess.Popen(
-            [sys.executable, '-c', HANGING, str(end.fileno())], pass_fds=(end.fileno(),)
+        lambda *ends: subprocess.Popen(
+            [sys.executable, '-c', HANGING, *loop_arguments(ends)],
+            pass_fds=[end.fileno() for end in ends],
         )
     )
     request(client, 'configure')
-    client._channel._socket.shutdown(2)
+    client._channel.close()
     assert client._process.wait(DEADLINE) == -signal.SIGALRM
 
 

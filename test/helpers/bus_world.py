@@ -16,6 +16,7 @@ import math
 
 from cycle_checks import CycleChecks
 from fake_bus import BusWorld
+from replies import future_of
 
 from facade_manipulator.canopen import sdo
 from facade_manipulator.canopen.bus import Frame
@@ -36,6 +37,7 @@ from facade_manipulator.simulation.drives.drive import SimulatedDrive
 # every rig reads the same data sheets: three times 40 ms
 sdo.read_dictionary = lru_cache(sdo.read_dictionary)
 ANSWER_BOUND = 70.0  # s, for a request: homing may take 60 s
+IDLE_WAIT = 0.05  # s
 LEAD = 0.04  # s, by which a setpoint comes before its instant
 SETTINGS = ControllerSettings(boot_timeout=0.5)
 MOST_STEPS = 20  # from anything to drives that follow
@@ -102,10 +104,12 @@ class Rig(BusWorld):
         return value
 
     def _turn(self) -> None:
+        before = self.clock.now
         self.controller.turn()
-        if self.controller.is_closed:  # its thread would end now
-            self.controller._reject_rest()
-            self.pass_time(self.settings.period)
+        if self.controller.is_closed and hasattr(self.controller, '_reject_rest'):
+            self.controller._reject_rest()  # its thread would end now
+        if self.clock.now == before:  # there is no bus: the loop waits for its node
+            self.pass_time(IDLE_WAIT)
         if self.failures:
             raise self.failures[0]
 
@@ -125,7 +129,7 @@ class Rig(BusWorld):
 
     def ask(self, name: str) -> Future:
         """Send a request and return its future at once."""
-        job = self.controller.request(name)
+        job = future_of(self.controller.request, name)
         self.jobs.append((name, job))
         return job
 

@@ -240,6 +240,9 @@ class FakeClock(Clock):
     def time(self) -> float:
         return self.now + self.offset
 
+    def sleep(self, seconds: float) -> None:
+        self.wait_for(lambda: False, seconds)
+
     def wait(self, event: Event, timeout: float) -> bool:
         is_main = self.present is None
         return self.wait_for(

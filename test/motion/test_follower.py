@@ -18,7 +18,6 @@ from facade_manipulator.motion.follower import (
 from facade_manipulator.motion.guard import mechanism_guard, path_guard
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
-from facade_manipulator.motion.timed_buffer import TimedBuffer
 
 PERIOD, LEAD = 0.01, 0.02  # s; a command is reached a lead later
 LIMITS = MotionLimits(speed=0.5, acceleration=3.0, jerk=150.0)
@@ -105,22 +104,6 @@ def test_silent_or_forgotten_stream_brakes_and_resumes():
         assert made.activity is Activity.HOLDING and made.at_rest
         assert made.brakes == number
         assert silent[-1] == pytest.approx(silent[-2], abs=0.0)
-
-
-def test_stream_cleared_between_two_reads_gives_a_command():
-    """A thread that adds a setpoint may clear the stream at any time."""
-
-    class Cleared(TimedBuffer):
-        def around(self, time):
-            found = super().around(time)
-            self.clear()
-            return found
-
-    made, cleared = follower(), Cleared()
-    run(made, 0.0, 0.5)
-    cleared._items = made._stream._items
-    made._stream = cleared
-    assert len(made.sample(0.54)) == 3
 
 
 def test_follower_without_reset_rejects_sampling():

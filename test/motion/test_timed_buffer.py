@@ -27,11 +27,3 @@ def test_buffered_values_are_found_by_time(times, time):
     assert buffer.around(time) == (items[index], items[index + 1])
     buffer.clear()
     assert buffer.newest() == () and buffer.around(time) == (None, None)
-
-
-def test_snapshot_keeps_the_values_of_its_time():
-    buffer = TimedBuffer()
-    buffer.append(1.0, 'a')
-    taken = buffer.snapshot()
-    buffer.clear()
-    assert taken.newest() == ((1.0, 'a'),) and taken.around(2.0)[0] == (1.0, 'a')

@@ -29,18 +29,24 @@ from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode
 class LoopThread:
     """Control loop in a thread of this process, which replaces `start_process`."""
 
-    def __init__(self, end: socket.socket) -> None:
-        self._channel = Channel(end.dup())
+    def __init__(self, *ends: socket.socket) -> None:
+        self._channel = Channel(*(end.dup() for end in ends))
         self.loop: ControlLoop | None = None
         self._thread = Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
-        self.loop = ControlLoop(*self._channel.receive(DEADLINE)[1], self._channel)
+        self.loop = ControlLoop(*self._receive_setup(), self._channel)
         try:
-            self.loop.serve()
+            (self.loop.run if hasattr(self.loop, 'run') else self.loop.serve)()
         finally:
             self.loop.close()
+
+    def _receive_setup(self):
+        if hasattr(self._channel, 'receive'):
+            return self._channel.receive(DEADLINE)[1]
+        self._channel.wait(DEADLINE)
+        return next(self._channel.commands())[1]
 
     def wait(self, timeout: float) -> int:
         """Wait for the end; see `subprocess.Popen`."""

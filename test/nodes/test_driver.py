@@ -209,8 +209,8 @@ def test_node_ends_while_configure_restarts_the_loop(bench, is_released):
             released.wait(DEADLINE)
             super()._run()
 
-    def launch(end):
-        started.append(SlowLoop(end))
+    def launch(*ends):
+        started.append(SlowLoop(*ends))
         return started[0]
 
     bench.tested._loop._launch = launch
