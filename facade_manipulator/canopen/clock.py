@@ -21,6 +21,7 @@ class Clock:
     frames.
     """
 
+    sleep = staticmethod(time.sleep)
     monotonic = staticmethod(time.monotonic)  #: time on the monotonic clock [s]
     time = staticmethod(time.time)  #: time on the system clock [s]
 

@@ -1,20 +1,20 @@
 """
-Channel of whole messages between two processes over a Unix socket pair, without waiting.
+Channel of whole messages between two processes over two Unix socket pairs, without waiting.
 
-A SOCK_SEQPACKET socket keeps messages whole, and its buffer is the bound. A message that may get
-lost is dropped if it does not fit. The others wait in a backlog, whose length is the number of
-requests of the operator. Only `Channel.receive` reports the end of the other process.
+SOCK_SEQPACKET sockets keep messages whole, and their buffers are the bound. *Commands* arrive, all
+and in order. Messages of the *stream* may get lost, because the next ones replace them. A flood of
+the stream therefore delays no command.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import logging
 import pickle
 import select
 import socket
-from threading import Lock
 from typing import Any
 
 from facade_manipulator.canopen.link import BusSettings
@@ -27,13 +27,8 @@ from facade_manipulator.motion.limits import MotionLimits
 
 # plain numbers: combining Python's flags takes longer than the system call
 _WITHOUT_WAITING = int(socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
-MAY_GET_LOST = (
-    'feed',
-    'setpoint',
-    'forces',
-    'state',
-    'rejected',
-)  # the next ones replace them
+STREAM = frozenset({'setpoint', 'forces', 'state', 'rejected'})
+SEND_BUFFER = 1 << 17  # bytes: some 250 commands
 LONGEST_MESSAGE = 1 << 16  # bytes, more than any message
 Message = tuple[str, tuple[Any, ...]]  # kind and content
 
@@ -66,72 +61,85 @@ class LoopSetup:
         return analysis
 
 
+def channel_ends() -> tuple[tuple[socket.socket, ...], tuple[socket.socket, ...]]:
+    """Return the sockets of both ends of a channel, each (commands, stream)."""
+    commands = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    stream = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    return (commands[0], stream[0]), (commands[1], stream[1])
+
+
 class Channel:
     """
-    End of a channel; any thread may send, one thread receives.
+    End of a channel, which one thread uses.
 
-    The channel owns the socket, which is one of a SOCK_SEQPACKET pair.
+    The channel owns both sockets, each of which is one of a SOCK_SEQPACKET pair.
     """
 
-    def __init__(self, end: socket.socket) -> None:
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 17)  # some seconds
-        self._socket = end
-        self._sending = Lock()
-        self._backlog: deque[bytes] = deque()
+    def __init__(self, commands: socket.socket, stream: socket.socket) -> None:
+        for end in (commands, stream):
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        self._commands = commands
+        self._stream = stream
 
     def send(self, kind: str, *content: Any) -> bool:
         """
-        Send a message without waiting; return whether it was sent.
+        Send a message without waiting; return whether it has fitted into the buffer.
 
-        A message that must arrive is otherwise kept until the next call.
+        The end of the other process is reported by the methods that receive.
         """
         data = pickle.dumps((kind, content), pickle.HIGHEST_PROTOCOL)
-        must_arrive = kind not in MAY_GET_LOST
-        if must_arrive:
-            self._backlog.append(data)
-        # the thread that sends now may have been interrupted: the loop does not wait for it either
-        if not self._sending.acquire(blocking=False):
-            return False
+        end = self._stream if kind in STREAM else self._commands
         try:
-            while self._backlog:
-                self._socket.send(self._backlog[0], _WITHOUT_WAITING)
-                self._backlog.popleft()
-            if not must_arrive:
-                self._socket.send(data, _WITHOUT_WAITING)
-        except OSError:  # full, or closed, which `receive` reports
+            end.send(data, _WITHOUT_WAITING)
+        except BlockingIOError:
             return False
-        finally:
-            self._sending.release()
+        except OSError:
+            pass
         return True
 
-    def receive(self, timeout: float) -> Message | None:
+    def wait(self, timeout: float) -> None:
+        """Wait for a command until a timeout [s]."""
+        select.select([self._commands], [], [], timeout)
+
+    def commands(self) -> Iterator[Message]:
         """
-        Return the next message, None after a timeout [s].
+        Receive the commands that wait, in order.
 
         Raises a ConnectionError if the process at the other end has closed it, or has ended.
         """
-        if timeout and not select.select([self._socket], [], [], timeout)[0]:
-            return None
-        try:
-            data = self._receive()
-        except BlockingIOError:
-            return None
-        except OSError:  # this end is closed, or the other process was killed
-            data = b''
-        if not data:
-            raise ConnectionError('the other process has ended')
-        message: Message = pickle.loads(data)
-        return message
+        while (data := _receive(self._commands)) is not None:
+            if not data:
+                raise ConnectionError('the other process has ended')
+            yield pickle.loads(data)
 
-    def _receive(self) -> bytes:
-        """Return the next message, ``b''`` after the end."""
-        try:
-            return self._socket.recv(LONGEST_MESSAGE, _WITHOUT_WAITING)
-        except ConnectionResetError:
-            # the other process has ended before it read all; its own messages come after this
-            return self._socket.recv(LONGEST_MESSAGE, _WITHOUT_WAITING)
+    def stream(
+        self, number: int, may_continue: Callable[[], bool] = lambda: True
+    ) -> list[Message]:
+        """Receive the stream while a condition holds; return its newest messages, in order."""
+        newest = deque[bytes](maxlen=number)
+        while may_continue() and (data := _receive(self._stream)):
+            newest.append(data)
+        return [pickle.loads(data) for data in newest]
 
     def close(self) -> None:
         """Close this end; the other end raises a ConnectionError."""
-        with self._sending:
-            self._socket.close()
+        self._commands.close()
+        self._stream.close()
+
+
+def _receive(end: socket.socket) -> bytes | None:
+    """Return a message without waiting, None for none, ``b''`` after the end."""
+    try:
+        return _message(end)
+    except BlockingIOError:
+        return None
+    except OSError:  # this end is closed, or the other process was killed
+        return b''
+
+
+def _message(end: socket.socket) -> bytes:
+    try:
+        return end.recv(LONGEST_MESSAGE, _WITHOUT_WAITING)
+    except ConnectionResetError:
+        # the other process has ended before it read all; its own messages come after this
+        return end.recv(LONGEST_MESSAGE, _WITHOUT_WAITING)

@@ -1,27 +1,24 @@
 """
 Process of the control loop: drives, bus and mechanism, and the messages that they receive.
 
-Two threads do the work. The control thread of `DriveController` runs the cycle and sends its
-states; the node cannot make it wait. The thread that calls `serve` receives the node's messages
-and supervises the node. There are two for two reasons:
+One thread does the work, turn by turn:
 
-- python-can waits for frames inside its interfaces. Most of them offer nothing that could be
-  waited for together with the channel.
-- Any message is then decoded without real-time priority (18 us of processor for a setpoint). It
-  delays the cycle by the interpreter's switch interval at most, unless another program displaces
-  it just then: the interpreter's lock lends no priority. With 100 setpoints a second and 8 to 19
-  programs that wanted to run, the cycle was late by 1 to 8 ms at most, and no less when this
-  thread had a priority as well.
+1. It handles the frames of the drives until the step of the cycle is due, for 20 ms at most. While
+   no bus is open, it waits for the node instead.
+2. It reads all commands of the node, then the newest messages of the stream. A setpoint is
+   therefore used by the next step after its arrival. A stop acts when it is read.
+3. It does the step if that is due: supervise the drives, choose and send their targets.
+4. It sends states and replies, without waiting.
 
-This process imports no ROS: a middleware may hold the interpreter's lock, but only in its own
-process.
+The kernel ends a process that hangs in a turn (`HangAlarm`). A second thread writes the log. This
+process imports no ROS: a middleware may hold the interpreter's lock, but only in its own process.
 """
 
 from __future__ import annotations
 
 import atexit
 from collections.abc import Callable
-from concurrent.futures import Future
+from dataclasses import replace
 import logging
 from logging.handlers import QueueHandler, QueueListener
 import math
@@ -45,10 +42,18 @@ from facade_manipulator.motion.guard import homing_guard, measured_guard, path_g
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
-CLOSE_TIMEOUT = (
-    6.5  # s: more than the loop takes to ramp down, power off and close the bus
+IDLE_WAIT = 0.05  # s without a bus; maximum delay of a signal
+NEWEST = 8  # messages of the stream that a turn handles
+READING_SHARE = 0.1  # of the period: a flood of the stream delays the step by less
+SETUP_TIMEOUT = 10.0  # s, that the node has for sending the setup
+HANG_TIMEOUT = 5.0  # s of one turn, after which the kernel ends the process
+RENEWAL_PERIOD = 1.0  # s
+CLOSE_TIMEOUT = 6.5  # s: more than a ramp to rest, power off and the end of the bus
+END_TIMEOUT = 7.0  # s for the whole end, after which the kernel ends the process
+NOT_CLOSED = (
+    'the control loop does not end, the power of the drives is unknown; next: switch their '
+    'supply off'
 )
-END_TIMEOUT = 7  # s, after which the kernel ends the process
 _log = logging.getLogger(__name__)
 
 
@@ -74,12 +79,30 @@ def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismCheck
     )
 
 
+class HangAlarm:
+    """Alarm of the kernel, which ends a process that has not renewed it for some time."""
+
+    def __init__(self) -> None:
+        self._renewal = -math.inf  # time at which it is due [s, monotonic]
+
+    def renew(self, now: float) -> None:
+        """Postpone the alarm, at most once a second, at a time [s, monotonic]."""
+        if now >= self._renewal:
+            self._renewal = now + RENEWAL_PERIOD
+            self.set(HANG_TIMEOUT)
+
+    def set(self, timeout: float) -> None:
+        """End the process after a time [s], 0 for never."""
+        signal.setitimer(signal.ITIMER_REAL, timeout)
+
+
 class ControlLoop:
     """
     Controller of the drives, and the messages between controller and node.
 
-    A test may pass its clock and its machine: follower and controller on a bus of the test.
-    Raises the ParameterErrors of `StoppingAnalysis.check` and `DriveController`.
+    A test may pass its clock and its machine: follower and controller on a bus of the test. The
+    alarm is that of a process for itself. Raises the ParameterErrors of `StoppingAnalysis.check`
+    and `DriveController`.
     """
 
     def __init__(
@@ -88,27 +111,24 @@ class ControlLoop:
         channel: Channel,
         clock: Clock | None = None,
         machine: tuple[SetpointFollower, DriveController] | None = None,
+        alarm: HangAlarm | None = None,
     ) -> None:
         self._clock = clock or Clock()
         self._steady_time = SteadyTime(self._clock)
+        self._setup = setup
+        self._channel = channel
+        self._alarm = alarm
         if machine is None:
             follower, mechanism = checked_follower(setup)
-            machine = (
-                follower,
-                DriveController(
-                    setup.controller,
-                    setup.axes,
-                    lambda: CanBus(open_bus(setup.bus)),
-                    mechanism,
-                ),
+            controller = DriveController(
+                setup.controller, setup.axes, self._open_bus, mechanism
             )
+            machine = (follower, controller)
         self.follower, self.controller = machine
-        self.controller.start()
+        # before `run` sets the priority, which these threads must not have
         self.simulator: Any = setup.simulate and resolve_name(setup.simulate)(
             setup.bus, setup.axes
         )
-        self._setup = setup
-        self._channel = channel
         self._ends = False
         self._handlers: dict[str, Callable[..., None]] = {
             'feed': self._feed,
@@ -118,54 +138,98 @@ class ControlLoop:
             'forbid': self.controller.forbid_power,
             'limits': self._change_limits,
             'close': self.end,
-            'forces': lambda *forces: self.simulator.apply_forces(
-                forces
-            ),  # of simulated drives
+            'forces': self._apply_forces,
         }
 
-    def end(self) -> None:
-        """End `serve`, from any thread; call `close` afterwards."""
-        self._ends = True
+    def _open_bus(self) -> CanBus:
+        """Open the bus without the alarm: some interfaces take 10 s, and no drive has power."""
+        if self._alarm is not None:
+            self._alarm.set(0.0)
+        try:
+            return CanBus(open_bus(self._setup.bus))
+        finally:
+            if self._alarm is not None:
+                self._alarm.set(HANG_TIMEOUT)
 
-    def serve(self) -> None:
+    def run(self) -> None:
         """Serve the node until it closes, ends, or is silent while the drives may have power."""
+        self.controller.request_realtime()
         self._feed()
-        self._send_state(self.controller.snapshot())  # the node waits for it
+        self._channel.send('started', self.controller.snapshot(), self.follower.status)
         self.controller.observe = self._send_state
-        bound = self._setup.controller.watchdog_timeout
         try:
             while not self._ends:
-                if message := self._channel.receive(
-                    0.05
-                ):  # s, maximum delay of a signal
-                    kind, content = message
-                    try:
-                        self._handlers[kind](*content)
-                    except Exception:  # a message that fails must not end the loop
-                        _log.exception('message %r rejected; next: report this', kind)
-                silence = self._clock.monotonic() - self._fed
-                if silence > bound and self._may_have_power:
-                    raise ConnectionError(
-                        f'the driver node has been silent for {silence:.2f} s, '
-                        f'above the limit {bound:g} s'
-                    )
+                self._turn()
         except ConnectionError as loss:
             if self._may_have_power:
                 _log.error('%s: the carriages ramp down and the power goes off', loss)
 
+    def end(self) -> None:
+        """End `run` after the present turn; call `close` afterwards."""
+        self._ends = True
+
+    def _turn(self) -> None:
+        """Wait for frames or messages, and handle them; do the step if it is due."""
+        if self._alarm is not None:
+            self._alarm.renew(self._clock.monotonic())
+        if self.controller.exchange is None:
+            self._channel.wait(IDLE_WAIT)
+        else:
+            self.controller.wait()
+        self._read()
+        self._require_node()
+        self.controller.step()
+
+    def _read(self) -> None:
+        """Handle all commands of the node, then the newest messages of the stream."""
+        for message in self._channel.commands():
+            self._handle(*message)
+        end = self._clock.monotonic() + READING_SHARE * self._setup.controller.period
+        for message in self._channel.stream(
+            NEWEST, lambda: self._clock.monotonic() < end
+        ):
+            self._handle(*message)
+
+    def _handle(self, kind: str, content: tuple[Any, ...]) -> None:
+        try:
+            self._handlers[kind](*content)
+        except Exception:  # a message that fails must not end the loop
+            _log.exception('message %r rejected; next: report this', kind)
+
+    def _require_node(self) -> None:
+        """Raise a ConnectionError if the node is silent while the drives may have power."""
+        silence = self._clock.monotonic() - self._fed
+        bound = self._setup.controller.watchdog_timeout
+        if silence > bound and self._may_have_power:
+            raise ConnectionError(
+                f'the driver node has been silent for {silence:.2f} s, '
+                f'above the limit {bound:g} s'
+            )
+
     def close(self) -> bool:
         """Ramp down, power off, close bus and channel; return whether power off is confirmed."""
-        is_off = False
-        try:
-            if self.controller.snapshot().state is not ControllerState.CLOSED:
-                _log.info(self.controller.close(CLOSE_TIMEOUT + self._setup.extra_time))
-            is_off = True
-        except ManipulatorError as error:
-            _log.error(str(error))
+        is_off = True
+        if not self.controller.is_closed:
+            is_off = self._close_controller()
         if self.simulator:
             self.simulator.stop()
         self._channel.close()
         return is_off
+
+    def _close_controller(self) -> bool:
+        replies: list[Any] = []
+        end = self._clock.monotonic() + CLOSE_TIMEOUT + self._setup.extra_time
+        self.controller.request('close', replies.append)
+        while not replies and self._clock.monotonic() < end:
+            self.controller.turn()
+        if not replies:
+            _log.error(NOT_CLOSED)
+            return False
+        if isinstance(replies[0], ManipulatorError):
+            _log.error(str(replies[0]))
+            return False
+        _log.info(replies[0])
+        return True
 
     # --- from the node
 
@@ -183,18 +247,21 @@ class ControlLoop:
                 'rejected', getattr(error, 'reason', 'other'), str(error)
             )
 
-    def _start_request(self, number: int, name: str) -> None:
-        def reply(job: Future[Any]) -> None:
-            error = job.exception()
-            self._channel.send(
-                'reply', number, error is None, str(error) if error else job.result()
-            )
+    def _apply_forces(self, *forces: float) -> None:
+        """Apply forces along the rail [N] to the carriages of simulated drives."""
+        self.simulator.apply_forces(forces)
 
-        self.controller.request(name).add_done_callback(reply)
+    def _start_request(self, number: int, name: str) -> None:
+        def send_reply(reply: Any) -> None:
+            failed = isinstance(reply, Exception)
+            answer = str(reply) if failed else reply
+            self._channel.send('reply', number, not failed, answer)
+
+        self.controller.request(name, send_reply)
 
     def _change_limits(self, limits: MotionLimits) -> None:
-        self._setup.stopping(limits)
-        self.follower.change_limits(limits)
+        """Apply limits that the node has analysed, which takes 5 ms; check only the ranges."""
+        self.follower.change_limits(replace(limits))
 
     @property
     def _may_have_power(self) -> bool:
@@ -205,35 +272,40 @@ class ControlLoop:
     # --- to the node
 
     def _send_state(self, snapshot: ControllerSnapshot) -> None:
-        """Send a new state, in the control thread."""
+        """Send a new state."""
         self._channel.send('state', snapshot, self.follower.status)
 
 
-def main(descriptor: int) -> int:
-    """Receive the setup, run the loop until the node ends it; return the exit status."""
+def main(commands: int, stream: int) -> int:
+    """
+    Receive the setup, run the loop until the node ends it; return the exit status.
+
+    The arguments are the file descriptors of the channel's sockets.
+    """
     # a terminal's signals concern the node, which asks for an orderly end; SIGTERM asks by itself
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     take_over_collector()
     _start_logging()
-    channel = Channel(socket.socket(fileno=descriptor))
+    channel = Channel(socket.socket(fileno=commands), socket.socket(fileno=stream))
+    alarm = HangAlarm()
     try:
-        message = channel.receive(10.0)  # s, that the node has for sending the setup
+        channel.wait(SETUP_TIMEOUT)
+        message = next(channel.commands(), None)
         if message is None:
             return 1
         (setup,) = message[1]
         logging.getLogger('facade_manipulator').setLevel(setup.log_level)
-        loop = ControlLoop(setup, channel)
+        loop = ControlLoop(setup, channel, alarm=alarm)
     except (ManipulatorError, ConnectionError) as error:
         channel.send('failed', str(error))
         return 1
     signal.signal(signal.SIGTERM, lambda *_: loop.end())
     try:
-        loop.serve()
+        loop.run()
     finally:
-        # if anything hangs after this, the kernel ends the process
-        signal.alarm(END_TIMEOUT + math.ceil(setup.extra_time))
+        alarm.set(END_TIMEOUT + setup.extra_time)
         is_off = loop.close()
     return 0 if is_off else 1
 

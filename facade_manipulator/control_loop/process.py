@@ -21,7 +21,7 @@ import sys
 import time
 from typing import Any
 
-from facade_manipulator.control_loop.channel import Channel, LoopSetup
+from facade_manipulator.control_loop.channel import Channel, channel_ends, LoopSetup
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
     Cause,
@@ -46,30 +46,33 @@ MAX_UNANSWERED_WITHOUT_BUS = {
     ControllerState.UNCONFIGURED: 600,
     ControllerState.BUS_LOST: 600,
 }
+# without an answer: a loop that opens an interface reads nothing, and its channel must not fill
+MOST_FEEDS = 100
+MOST_STATES = 200  # that wait: those of two seconds
 FEED_PERIOD = 0.05  # s; halt is answered within 0.1 s
 STOP = 'the drives stop because its heartbeat is missing'
 POWER_OFF = 'the drives that it had configured have confirmed that their power is off'
 LOST_REMEDY = 'read the cause in the log, then configure, home, activate'
 START = (  # the new interpreter imports from where this one does
-    'import sys; sys.path[:] = sys.argv[2:]; '
+    'import sys; sys.path[:] = sys.argv[3:]; '
     'from facade_manipulator.control_loop import control_loop; '
-    'sys.exit(control_loop.main(int(sys.argv[1])))'
+    'sys.exit(control_loop.main(*map(int, sys.argv[1:3])))'
 )
 
 
-def start_process(end: socket.socket) -> subprocess.Popen[bytes]:
+def start_process(*ends: socket.socket) -> subprocess.Popen[bytes]:
     """
-    Start the loop in a separate process that inherits one end of a channel.
+    Start the loop in a separate process that inherits both sockets of a channel.
 
     It is a new interpreter instead of a fork, without the threads, locks and libraries of this
     process. It has its own session, so that the signals of a terminal reach only the node, which
     then asks for an orderly end. It is isolated, so that neither the working directory nor a
     user's folder of packages puts its own modules into the loop.
     """
-    number = str(end.fileno())
+    numbers = [end.fileno() for end in ends]
     return subprocess.Popen(
-        [sys.executable, '-I', '-c', START, number, *import_path()],
-        pass_fds=(end.fileno(),),
+        [sys.executable, '-I', '-c', START, *map(str, numbers), *import_path()],
+        pass_fds=numbers,
         stdin=subprocess.DEVNULL,
         start_new_session=True,
     )
@@ -93,7 +96,7 @@ class LoopClient:
         self,
         setup: LoopSetup,
         on_rejection: Callable[[str, str], None],
-        launch: Callable[[socket.socket], subprocess.Popen[bytes]] = start_process,
+        launch: Callable[..., subprocess.Popen[bytes]] = start_process,
     ) -> None:
         self._setup = setup
         self._on_rejection = on_rejection
@@ -105,8 +108,8 @@ class LoopClient:
         self._pending: dict[int, OnReply] = {}
         #: replies that were received, and not passed on yet
         self._replies: deque[tuple[OnReply, Any]] = deque()
-        # states that the node has not taken yet, at most those of two seconds
-        self._states: deque[ControllerSnapshot] = deque(maxlen=200)
+        # states that the node has not taken yet
+        self._states: deque[ControllerSnapshot] = deque(maxlen=MOST_STATES)
         self._forbidden = ''
         self._remedy = ''
         self._close_due = math.inf  #: end of the time for `shut_down` [s, monotonic]
@@ -121,29 +124,32 @@ class LoopClient:
 
         Raises a ManipulatorError if the system starts no process.
         """
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:
-            try:
-                self._process = self._launch(theirs)
-            except OSError as error:
-                ours.close()
-                raise ManipulatorError(
-                    f'the process of the control loop did not start: {error}; next: '
-                    'end other programs on this computer'
-                ) from error
-        self._channel = Channel(ours)
+        ours, theirs = channel_ends()
+        self._channel = Channel(*ours)
+        try:
+            self._process = self._launch(*theirs)
+        except OSError as error:
+            self._channel.close()
+            raise ManipulatorError(
+                f'the process of the control loop did not start: {error}; next: '
+                'end other programs on this computer'
+            ) from error
+        finally:
+            for end in theirs:
+                end.close()
         self._unanswered = 0
         self._is_lost = False
-        self._channel.send('setup', self._setup)
-        self._channel.send('forbid', self._forbidden, self._remedy)
+        self._command('setup', self._setup)
+        self._command('forbid', self._forbidden, self._remedy)
 
     def _wait_for_start(self) -> None:
         """Wait for the first message of the loop."""
         message = None
+        self._channel.wait(START_TIMEOUT)
         with suppress(ConnectionError):
-            message = self._channel.receive(START_TIMEOUT)
+            message = next(self._channel.commands(), None)
         kind, content = message or ('', ())
-        if kind == 'state':
+        if kind == 'started':
             self._state = content
             return
         _end(self._process)
@@ -163,7 +169,7 @@ class LoopClient:
         if self._is_lost:
             self._reject_pending(self.snapshot().cause or 'the control loop is closed')
         else:
-            self._channel.send('request', number, name)
+            self._command('request', number, name)
 
     def send_setpoint(self, setpoint: Setpoint) -> None:
         """Pass a setpoint to the loop; `on_rejection` receives its rejection."""
@@ -176,7 +182,8 @@ class LoopClient:
         The loop runs only while this method is called. The node calls it last in its cycle, so
         that an earlier exception ends the loop.
         """
-        self._channel.send('feed')
+        if self._unanswered < MOST_FEEDS:
+            self._command('feed')
         self.read()
         if self._is_lost:
             return
@@ -193,23 +200,30 @@ class LoopClient:
 
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once."""
-        self._channel.send('stop', cause)
+        self._command('stop', cause)
 
     def forbid_power(self, cause: str, remedy: str = '') -> None:
         """Forbid power, also to a loop that is started later, until a call with ``''``."""
         if (cause, remedy) != (self._forbidden, self._remedy):
             self._forbidden = cause
             self._remedy = remedy
-            self._channel.send('forbid', cause, remedy)
+            self._command('forbid', cause, remedy)
 
     def change(self, limits: MotionLimits) -> None:
         """Replace the limits of motion from the next cycle."""
         self._setup = replace(self._setup, limits=limits)
-        self._channel.send('limits', limits)
+        self._command('limits', limits)
 
     def apply_forces(self, forces: Sequence[float]) -> None:
         """Apply forces along the rail [N] to the carriages of simulated drives."""
         self._channel.send('forces', *forces)
+
+    def _command(self, kind: str, *content: Any) -> None:
+        """Send a command, and end a loop that has not read the commands before it."""
+        if self._is_lost or self._channel.send(kind, *content):
+            return
+        _end(self._process)
+        self._lose(f'the control loop has not read its messages, and was ended; {STOP}')
 
     # --- from the loop
 
@@ -230,9 +244,18 @@ class LoopClient:
 
     def read(self) -> None:
         """Receive the messages that the loop has sent, then pass the replies on."""
+        if not self._is_lost:
+            self._receive()
+        while self._replies:  # an exception of one leaves the others for the next call
+            on_reply, reply = self._replies.popleft()
+            on_reply(reply)
+
+    def _receive(self) -> None:
+        """Handle the messages that wait; states are newer than the replies before them."""
         try:
-            while not self._is_lost and (message := self._channel.receive(0.0)):
-                self._unanswered = 0
+            for message in self._channel.commands():
+                self._handle(*message)
+            for message in self._channel.stream(MOST_STATES):
                 self._handle(*message)
         except ConnectionError:
             status = _end(self._process, 1.0)
@@ -240,13 +263,13 @@ class LoopClient:
                 f'the control loop has ended by itself, exit status {status}; '
                 f'{POWER_OFF if status == 0 else STOP}'
             )
-        while self._replies:  # an exception of one leaves the others for the next call
-            on_reply, reply = self._replies.popleft()
-            on_reply(reply)
 
     def _handle(self, kind: str, content: tuple[Any, ...]) -> None:
-        """Handle a message of the loop."""
-        if kind == 'state':
+        """Handle a message of the loop, which shows that it works."""
+        self._unanswered = 0
+        if kind == 'started':
+            self._state = content
+        elif kind == 'state':
             self._state = content
             self._states.append(content[0])
         elif kind == 'rejected':
@@ -334,7 +357,7 @@ class LoopClient:
         """End a loop that was shut down, after waiting for its own end [s]."""
         if self._is_lost:
             return
-        self._channel.send('close')
+        self._command('close')
         _end(self._process, timeout)
         self._lose(
             'the control loop has not confirmed that the power of the drives is off'

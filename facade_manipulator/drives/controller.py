@@ -1,27 +1,24 @@
 """
-Drive controller: one control thread that owns the bus and runs the requests of an operator.
+Drive controller: it owns the bus, and runs the requests of an operator.
 
-A request, one of `REQUESTS`, returns a future at once. Its result is a message for the operator,
-and so is its exception. The control thread receives, supervises, steps the group and commands once
-per SYNC. SDO transfers run in worker threads.
+One thread uses it: it waits for frames until the step of a cycle is due, and then does the step.
+A request, one of `REQUESTS`, begins at once; its reply is a message for the operator, or an error
+with one. SDO transfers run in worker threads.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 import logging
 from math import ceil
-import threading
 from typing import Any
 
 from facade_manipulator.drives import realtime
 from facade_manipulator.drives.controller_settings import STATES_RATE
-from facade_manipulator.drives.requests import CLOSING_TIMEOUT, REQUESTS, Session
+from facade_manipulator.drives.requests import REQUESTS, Session
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
     Cause,
@@ -31,14 +28,13 @@ from facade_manipulator.drives.snapshot import (
 from facade_manipulator.drives.targets import allow_anything
 from facade_manipulator.errors import (
     BusError,
-    DriveError,
     DriveStateError,
     joined,
     ManipulatorError,
     NEXT,
 )
 
-IDLE_WAIT = 1.0  # s, unless a request wakes the thread
+IDLE_PERIOD = 1.0  # s between two states without a bus
 NEXT_STEPS = {
     ControllerState.UNCONFIGURED: 'configure, home, activate',
     ControllerState.INACTIVE: 'activate',
@@ -52,29 +48,29 @@ _log = logging.getLogger(__name__)
 class Operation:
     """Request of the operator in progress: its generator and its reply."""
 
-    def __init__(self, name: str, session: Session) -> None:
-        self.name, self.request = name, REQUESTS[name]
+    def __init__(
+        self, name: str, session: Session, on_reply: Callable[[Any], None]
+    ) -> None:
+        self.name = name
+        self.request = REQUESTS[name]
         self.steps = self.request.run(session)
-        self.future: Future[Any] = Future()
-        self.future.set_running_or_notify_cancel()  # its owner can no longer cancel it
+        self.on_reply = on_reply
+        self.is_done = False
 
 
 class DriveController(Session):
     """
-    Controller of three drives on one CAN bus; only one thread uses its session.
+    Controller of three drives on one CAN bus, which one thread uses.
 
-    Done callbacks of the futures run in the control thread and must be short. `close` must be
-    called at the end; without it the drives stop because the master's heartbeat is missing.
+    `request`, `stop` and `forbid_power` act before they return. The owner ends with the request
+    `close`; without it the drives stop because the master's heartbeat is missing.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        #: takes each new snapshot, in the control thread; must not wait
+        #: takes each new snapshot; must not wait
         self.observe: Callable[[ControllerSnapshot], None] = allow_anything
         self._operation: Operation | None = None
-        #: requests and stops in the order of their arrival, for the control thread
-        self._inputs: deque[Callable[[], None]] = deque()
-        self._wake = threading.Event()
         self._rejected: tuple[str, ...] = ()
         self._remedy = ''  # of a forbidden power
         self._every = ceil(
@@ -82,27 +78,31 @@ class DriveController(Session):
         )  # cycles from state to state
         self._priority: int | None = None
         self._publish()
-        self._thread = threading.Thread(
-            target=self._run, name='drive control', daemon=True
-        )
 
-    def start(self) -> None:
-        """Start the control thread; a test without one calls `turn` instead."""
-        self._thread.start()
+    def request_realtime(self) -> None:
+        """Request the scheduling of the settings for this thread; log what is missing."""
+        self._rejected = tuple(realtime.request_realtime(self.settings))
+        self._priority = realtime.realtime_priority()
+        missing = self._rejected
+        if not missing and not self._priority:
+            missing = (realtime.NO_PRIORITY,)
+        for line in missing:
+            _log.info(line)
+        self._publish()
 
-    # --- from any thread
+    # --- inputs
 
-    def request(self, name: str) -> Future[Any]:
-        """Request one of `REQUESTS` at once; return its reply as a future."""
-        operation = Operation(name, self)
-        self._add_input(partial(self._begin, operation))
-        if self.is_closed:
-            self._reject_rest()
-        return operation.future
+    def request(self, name: str, on_reply: Callable[[Any], None]) -> None:
+        """
+        Begin one of `REQUESTS`.
+
+        `on_reply` takes its result, or the error with which it failed, and must not wait.
+        """
+        self._accept(partial(self._begin, Operation(name, self, on_reply)))
 
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once; they stay stopped until the faults are cleared."""
-        self._add_input(partial(self._stop_for, Cause(cause)))
+        self._accept(partial(self._stop_for, Cause(cause)))
 
     def forbid_power(self, cause: str, remedy: str = '') -> None:
         """
@@ -111,77 +111,65 @@ class DriveController(Session):
         The drives stop even if the call with ``''`` follows at once. The remedy is the action of
         the operator before clear_faults, ``''`` for none.
         """
-        self._add_input(partial(self._forbid_power, cause, remedy))
+        self._accept(partial(self._forbid_power, cause, remedy))
 
-    def _add_input(self, act: Callable[[], None]) -> None:
-        self._inputs.append(act)
-        self._wake.set()
+    def _accept(self, act: Callable[[], None]) -> None:
+        """Do an input, and answer a request that it has stopped before the next input."""
+
+        def handle() -> None:
+            act()
+            if self._operation is not None and self.group.is_stopped:
+                self._resume(self._operation)
+
+        self._guard(handle)
 
     def snapshot(self) -> ControllerSnapshot:
         """Return the newest state of controller and axes, renewed up to 100 times a second."""
         return self._snapshot
 
-    def close(self, timeout: float = 2.0 * CLOSING_TIMEOUT) -> str:
-        """
-        Power the drives off in order, or stop them, then close the bus; wait for the end.
-
-        Raises a DriveError with the drives whose power is not confirmed off.
-        """
-        try:
-            return self.request('close').result(timeout)
-        except TimeoutError:
-            raise DriveError(
-                'the control loop does not end, the power of the drives is '
-                'unknown; next: switch their supply off'
-            ) from None
-        finally:
-            self._thread.join(timeout)
-
-    # --- the control thread
-
-    def _run(self) -> None:
-        self._rejected = tuple(realtime.request_realtime(self.settings))
-        self._priority = realtime.realtime_priority()
-        for line in self._rejected or (
-            [] if self._priority else [realtime.NO_PRIORITY]
-        ):
-            _log.info(line)
-        while not self.is_closed:
-            self.turn()
-        self._reject_rest()
+    # --- turns
 
     def turn(self) -> None:
-        """Run one cycle, or start requests while the bus is closed; never raises."""
+        """Wait for the step of a cycle, and do it; without a bus resume a request at once."""
+        self.wait()
+        self.step()
+
+    def wait(self) -> None:
+        """Handle frames until the step of the cycle is due, for 20 ms at most; never raise."""
+        if self.exchange is None:
+            return
+        if not self._guard(self.exchange.wait):
+            self.clock.sleep(self.settings.period)  # a lasting error takes no CPU
+
+    def step(self) -> None:
+        """Do the step of the cycle if it is due, and resume the request; never raise."""
+        self._guard(self._step)
+
+    def _guard(self, act: Callable[[], object]) -> bool:
+        """Return whether a call succeeds; stop the drives after any error."""
         try:
-            self._turn()
+            act()
         except BusError as error:
             self.lose(error)
             operation = self._operation
             if operation is not None and operation.request.needs_bus:
                 self._reply(operation, error)
             self._publish()
-        except (
-            Exception
-        ) as error:  # the drives depend on the control thread, which must continue
+            return False
+        except Exception as error:  # the drives depend on the loop, which must continue
             self._recover(error)
+            return False
+        return True
 
-    def _turn(self) -> None:
-        while self._inputs and not self.is_closed:
-            self._inputs.popleft()()
-            if self._operation is not None and self.group.is_stopped:
-                self._resume(self._operation)  # answer a request that a stop has ended
-        if self.exchange is not None:
-            self.exchange.turn(self._inputs)
-        elif not self.is_closed:
-            self.clock.wait(self._wake, IDLE_WAIT)
-            self._wake.clear()
+    def _step(self) -> None:
+        has_stepped = self.exchange is not None and self.exchange.step()
         self._cut_forbidden_power()
         if self._operation is not None:
             self._resume(self._operation)
         if self._is_due() or self._present_state() is not self._snapshot.state:
             self._publish()
         cycles = self.exchange.clock.statistics.cycles if self.exchange else 0
-        if self.is_configured and cycles % self.settings.rate == 0:
+        if has_stepped and self.is_configured and cycles % self.settings.rate == 0:
             realtime.collect_garbage()
 
     def _stop_for(self, cause: Cause) -> None:
@@ -199,9 +187,7 @@ class DriveController(Session):
 
     def _begin(self, operation: Operation) -> None:
         if self.is_closed:
-            operation.future.set_exception(
-                DriveStateError('the drive controller is closed')
-            )
+            operation.on_reply(DriveStateError('the drive controller is closed'))
             return
         running, request = self._operation, operation.request
         reason = ''
@@ -221,9 +207,9 @@ class DriveController(Session):
             )
             return
         self._resume(operation)
-        if running is not None and (self.is_closed or not operation.future.done()):
+        if running is not None and (self.is_closed or not operation.is_done):
             self._reply(running, DriveStateError(f'cancelled by {operation.name}'))
-        if not operation.future.done():
+        if not operation.is_done:
             self._operation = operation
 
     def _resume(self, operation: Operation) -> None:
@@ -247,21 +233,16 @@ class DriveController(Session):
         self._publish()
         if isinstance(result, Exception):
             result.args = (self._explained(str(result)),)
-            operation.future.set_exception(result)
-        else:
-            operation.future.set_result(
-                self._explained(result) if isinstance(result, str) else result
-            )
+        elif isinstance(result, str):
+            result = self._explained(result)
+        operation.is_done = True
+        operation.on_reply(result)
 
     def _explained(self, message: str) -> str:
         """Return a reply with the present power and next step."""
         power = f'power: {self._snapshot.power}' if self.is_configured else ''
         step = self._snapshot.next_step and f'{NEXT}{self._snapshot.next_step}'
         return joined(message.rstrip('.'), power, step)
-
-    def _reject_rest(self) -> None:
-        while self._inputs:
-            self._inputs.popleft()()
 
     def _recover(self, error: Exception) -> None:
         """Stop the drives for an unexpected error; the loop continues."""
@@ -275,10 +256,6 @@ class DriveController(Session):
             self.group.stop(cause, self.now)
         # after the stop, because the traceback reads source files
         _log.error('the control loop failed', exc_info=error)
-        self._wake.clear()
-        self.clock.wait(
-            self._wake, self.settings.period
-        )  # a lasting error takes no CPU
 
     # --- the snapshot
 
@@ -317,8 +294,11 @@ class DriveController(Session):
 
     def _is_due(self) -> bool:
         """Return whether a snapshot is due: at a share of the cycles, or of the time without."""
-        if self.exchange is None or not self.exchange.has_started:
-            return self.now - self._published_at >= 1.0 / STATES_RATE
+        age = self.now - self._published_at
+        if self.exchange is None:
+            return age >= IDLE_PERIOD
+        if not self.exchange.has_started:
+            return age >= 1.0 / STATES_RATE
         return self.exchange.clock.statistics.cycles % self._every == 0
 
     def _present_state(self) -> ControllerState:

@@ -40,13 +40,13 @@ class ControllerSettings:
         maximum=0.5,
     )
     realtime_priority: int = parameter(
-        'SCHED_FIFO priority of the control thread; 0 selects the normal scheduler',
+        'SCHED_FIFO priority of the control loop; 0 selects the normal scheduler',
         default=0,
         minimum=0,
         maximum=99,
     )
     cpu: int = parameter(
-        'CPU of the control thread; -1 allows any CPU',
+        'CPU of the control loop; -1 allows any CPU',
         default=-1,
         minimum=-1,
         maximum=1023,

@@ -10,14 +10,14 @@ The cycle with its times as shares of the period:
     1.0    the next SYNC
 
 The kernel sends this SYNC at its own time, or else the loop sends it after the commands
-(`cycle`). Frames are routed by COB-ID; a frame that is too short or unknown is ignored. The
-control thread waits only for the next frame or the next deadline.
+(`cycle`). The owner of the exchange waits until the step is due, reads its own messages, and then
+does the step. Frames are routed by COB-ID; a frame that is too short or unknown is ignored.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sized
+from collections.abc import Callable
 from functools import partial
 import math
 
@@ -34,7 +34,7 @@ from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.targets import TargetSupervisor
 from facade_manipulator.errors import BusError
 
-LONGEST_WAIT = 0.02  # s, after which requests are read
+LONGEST_WAIT = 0.02  # s: a stop acts within this time, also while all drives are silent
 # of the heartbeat time-out: after a longer pause of this loop frames may have been dropped
 EXCUSING_PAUSE = 0.5
 SDO_WRITES = {1, 6}  # command specifiers of a client: download, block download
@@ -52,8 +52,8 @@ class CyclicExchange:
     """
     Cyclic exchange with three drives, on a bus that it owns.
 
-    The control thread calls `turn` in a loop, and also all other methods. Sending and receiving
-    raise a BusError if the bus is lost.
+    Its owner calls `wait` and `step` in turn. Sending and receiving raise a BusError if the bus is
+    lost.
     """
 
     def __init__(
@@ -85,6 +85,8 @@ class CyclicExchange:
         self._targets = targets
         self._next_heartbeat = 0.0
         self._waits_for_sync = False
+        self._is_due = False  # whether the step of the cycle is due
+        self._next_sync: Frame | None = None  # received before the step was done
         self._has_local_sync = False  # whether our SYNC returns marked as sent here
         #: `read_until`: time [s] until which all received frames have been read
         self._pumped = self.read_until = self._now()
@@ -195,9 +197,12 @@ class CyclicExchange:
         is_unmarked = self._has_local_sync and not frame.is_local
         if frame.data or is_unmarked:
             return self._on_other_master(*_FOREIGN_SYNC, frame)
-        if not self.clock.is_unexpected(frame.time):
-            if self.clock.is_open:
-                self._step(self._now())
+        if self.clock.is_unexpected(frame.time):
+            return None
+        if self.clock.is_open:  # a late loop: the step comes before the next cycle
+            self._next_sync = frame
+            self._is_due = True
+        else:
             self.clock.receive(frame.time, frame.stamp)
         return None
 
@@ -234,30 +239,37 @@ class CyclicExchange:
             self._routes[pdo.SYNC_COB_ID] = 0, self._on_sync
             self.bus.start_sync(self._settings.period)
 
-    def turn(self, inputs: Sized = ()) -> None:
+    def wait(self) -> None:
         """
-        Handle the frames of a cycle, or the next frame while there is no cycle.
+        Handle frames until the step is due, for `LONGEST_WAIT` at most.
 
-        The method returns within `LONGEST_WAIT` after another thread has added an input.
+        Before the start of the cycle the method returns after each frame, because a request may
+        wait for it.
         """
-        cycles = self.clock.statistics.cycles
-        self._pump()
-        while (
-            self.has_started and self.clock.statistics.cycles == cycles and not inputs
-        ):
-            self._pump()
+        end = self._now() + LONGEST_WAIT
+        self._pump(end)
+        while self.has_started and not self._is_due and self._now() < end:
+            self._pump(end)
 
-    def _pump(self) -> None:
-        """Wait for the next frame or deadline, and handle the frame."""
-        clock, heartbeat = (
-            self.clock,
-            self._next_heartbeat if self.transmits else math.inf,
-        )
-        frame = self.bus.receive(
-            min(self._pumped + LONGEST_WAIT, heartbeat, clock.next_event) - self._now()
-        )
+    def step(self) -> bool:
+        """Do the step of the cycle if it is due; return whether it was."""
+        if not self._is_due:
+            return False
+        self._is_due = False
+        self._step(self._now())
+        if self._next_sync is not None:
+            self.clock.receive(self._next_sync.time, self._next_sync.stamp)
+            self._next_sync = None
+        return True
+
+    def _pump(self, end: float) -> None:
+        """Wait for the next frame or deadline, until a time [s] at most; handle the frame."""
+        heartbeat = self._next_heartbeat if self.transmits else math.inf
+        deadline = min(end, heartbeat, self.clock.next_event)
+        frame = self.bus.receive(deadline - self._now())
         now = self._now()
-        pause, self._pumped = now - self._pumped, now
+        pause = now - self._pumped
+        self._pumped = now
         if pause > EXCUSING_PAUSE * self._settings.heartbeat_timeout:
             for monitor in self.group.monitors:
                 monitor.excuse_silence(now)
@@ -282,7 +294,7 @@ class CyclicExchange:
             self._advance(frame, now)
 
     def _advance(self, frame: Frame | None, now: float) -> None:
-        """Do the due step or send the due SYNC, unless more frames must be read first."""
+        """Note the due step or send the due SYNC, unless more frames must be read first."""
         clock = self.clock
         if self._waits_for_sync:
             self._send_commands()
@@ -291,7 +303,7 @@ class CyclicExchange:
         ):
             return
         if clock.is_open:
-            self._step(now)
+            self._is_due = True
         else:
             clock.begin(self._now(), self._stamp())
             self._send(pdo.SYNC_COB_ID)

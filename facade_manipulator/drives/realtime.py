@@ -49,7 +49,7 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
         (
             cpu >= 0,
             lambda: os.sched_setaffinity(0, {cpu}),
-            'the control thread cannot be '
+            'the control loop cannot be '
             f'bound to CPU {cpu}: this machine has {os.cpu_count()} CPUs',
         ),
     ):
@@ -76,7 +76,7 @@ def take_over_collector() -> None:
     """
     Disable automatic garbage collection, which `freeze_objects` and `collect_garbage` replace.
 
-    Threads then take turns more often than by default, because the control thread must get the
+    Threads then take turns more often than by default, because the control loop must get the
     interpreter within a fraction of its period.
     """
     gc.disable()

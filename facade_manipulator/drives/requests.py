@@ -1,9 +1,8 @@
 """
 Session of the drives and their bus, and the requests of an operator that change it.
 
-The session is used only in the control thread. It never reopens a lost bus by itself. The drives
-stay stopped, and their positions are invalid, until the operator requests cleanup, configure and
-home.
+One thread uses the session. It never reopens a lost bus by itself. The drives stay stopped, and
+their positions are invalid, until the operator requests cleanup, configure and home.
 
 `REQUESTS` is a table from a name to a generator function.
 

@@ -177,7 +177,7 @@ class ControllerSnapshot(NamedTuple):
     bus: BusStatistics = BusStatistics()
     bus_error: str = ''  #: why the bus is not open, ``''`` if it is
     realtime_priority: int | None = (
-        None  #: of the control thread; 0 for normal scheduling
+        None  #: of the control loop; 0 for normal scheduling
     )
 
     @property

@@ -35,7 +35,7 @@ def allow_anything(*_: object) -> None:
 class MechanismChecks:
     """Source of targets, and checks that raise a ManipulatorError."""
 
-    #: asked for targets once a cycle while active, in the control thread: a
+    #: asked for targets once a cycle while active: a
     #: `facade_manipulator.motion.follower.SetpointFollower`, or `at_rest`, `reset`, `hold`,
     #: `wait`, `sample` and `withdraw` as it has them
     source: Any

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator
 import enum
 from itertools import accumulate, islice
 import math
-from threading import Lock
 from typing import NamedTuple
 
 from facade_manipulator.errors import InputError, ManipulatorError, require_recent
@@ -88,10 +87,6 @@ class SetpointFollower:
     """
     Turn a stream of setpoints into one commanded position per cycle [m].
 
-    `add` and `change_limits` run in the thread that receives messages, all other methods in the
-    control thread. Both threads share the stream, the limits and the commanded motion; these
-    objects are replaced and never modified.
-
     Parameters
     ----------
     settings : StreamSettings
@@ -132,7 +127,6 @@ class SetpointFollower:
         )
         self._stop: Iterator[CarriageMotion] = iter(())
         self._stream: TimedBuffer[Setpoint] = TimedBuffer()
-        self._writing = Lock()
         self._sampled = -math.inf
         self.activity = Activity.HOLDING
 
@@ -167,8 +161,7 @@ class SetpointFollower:
 
     def hold(self) -> None:
         """Forget the stream, so that each later `sample` brakes to rest."""
-        with self._writing:
-            self._stream.clear()
+        self._stream.clear()
 
     def wait(self, seconds: float) -> None:
         """
@@ -213,19 +206,18 @@ class SetpointFollower:
             )
         self._check(setpoint.position)
         require_recent('setpoint', now - setpoint.time, OLDEST, EARLIEST)
-        with self._writing:
-            last = self._predecessor(setpoint.time, now)
-            require_possible(
-                setpoint,
-                last or Setpoint(-math.inf, self.motion.position, setpoint.velocity),
-                self.settings.first_step,
-                self._fastest,
-                self._hardest,
-            )
-            if last is None:
-                self._stream.clear()
-            self._smooth(setpoint)
-            self._stream.append(setpoint.time, setpoint)
+        last = self._predecessor(setpoint.time, now)
+        require_possible(
+            setpoint,
+            last or Setpoint(-math.inf, self.motion.position, setpoint.velocity),
+            self.settings.first_step,
+            self._fastest,
+            self._hardest,
+        )
+        if last is None:
+            self._stream.clear()
+        self._smooth(setpoint)
+        self._stream.append(setpoint.time, setpoint)
 
     def sample(self, reach_time: float) -> tuple[float, float, float]:
         """
@@ -303,15 +295,12 @@ class SetpointFollower:
 
     def _target(self, time: float) -> tuple[Vector, Vector] | None:
         """Return position [m] and velocity [m/s] of the stream at a time; None while silent."""
-        stream = (
-            self._stream.snapshot()
-        )  # `add` may change the stream between two reads
-        before, after = stream.around(time)
+        before, after = self._stream.around(time)
         if before is not None and after is not None:
             return interpolate(before[1], after[1], time)
         if before is None or time - before[0] > self.settings.stale_after:
             return None
-        return extrapolate([setpoint for _, setpoint in stream.newest(2)], time)
+        return extrapolate([setpoint for _, setpoint in self._stream.newest(2)], time)
 
     def _follow(
         self, before: CarriageMotion, position: Vector, velocity: Vector

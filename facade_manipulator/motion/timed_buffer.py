@@ -12,11 +12,7 @@ _time = itemgetter(0)
 
 
 class TimedBuffer(Generic[Value]):
-    """
-    Values at ascending times, each kept for `KEPT_TIME`.
-
-    One thread may write while others read: the tuple of items is replaced, never changed.
-    """
+    """Values at ascending times, each kept for `KEPT_TIME`."""
 
     def __init__(self) -> None:
         self._items: tuple[tuple[float, Value], ...] = ()
@@ -31,12 +27,6 @@ class TimedBuffer(Generic[Value]):
         end = bisect_left(items, time, key=_time)
         begin = bisect_left(items, time - KEPT_TIME, key=_time)
         self._items = (*items[begin:end], (time, value))
-
-    def snapshot(self) -> TimedBuffer[Value]:
-        """Return a buffer with the present values for several reads that belong together."""
-        copy: TimedBuffer[Value] = TimedBuffer()
-        copy._items = self._items
-        return copy
 
     def newest(self, count: int = 1) -> tuple[tuple[float, Value], ...]:
         """Return the newest items (time, value), at most as many as exist."""

@@ -123,17 +123,15 @@ class Motion:
     def request(self, *names: str) -> str:
         """Send a request to the controller; return its message, or raise its error."""
         for name in names:
-            reply = self.controller.request(name)
-            while not reply.done():
+            replies: list[object] = []
+            self.controller.request(name, replies.append)
+            while not replies:
                 self.controller.turn()
-            error = reply.exception()
-            message = str(error or reply.result()).partition('; next: ')[
-                0
-            ]  # for a driver
-            if error:
+            message = str(replies[0]).partition('; next: ')[0]  # for a driver
+            if isinstance(replies[0], Exception):
                 raise CommissioningError(
                     f'{message}; next: remove the cause, and repeat'
-                ) from error
+                ) from replies[0]
         return message
 
     def turn(self) -> dict[str, AxisSnapshot]:
