@@ -26,10 +26,7 @@ class ObservedLoop(program.ControlLoop):
         super()._feed()
         self._feeds += 1
         if self._feeds == 2:  # the node runs: the first feed is that of the loop itself
-            if hasattr(program.ControlLoop, 'run'):
-                self._get_ready()
-            else:
-                start(self._get_ready_in_thread)
+            self._get_ready()
 
     def _add_setpoint(self, meant, *rest):
         super()._add_setpoint(meant, *rest)
@@ -55,23 +52,15 @@ class ObservedLoop(program.ControlLoop):
         else:
             self._begin()
 
-    def _get_ready_in_thread(self):
-        for request in ('configure', 'home', 'activate'):
-            self.controller.request(request).result()
-        self._begin()
-
     def _begin(self):
         start(answer, self._setup.controller.rate)
         self.simulator.stop()
         start(report, self._latencies, self._measure)
 
     def _measure(self):
-        channel = self._messages
-        if not hasattr(program.ControlLoop, 'run'):
-            channel += cpu_of('MainThread')
         return (
-            channel + cpu_of_process(os.getppid()),
-            time.process_time() - cpu_of('answer') - channel,
+            self._messages + cpu_of_process(os.getppid()),
+            time.process_time() - cpu_of('answer') - self._messages,
         )
 
 

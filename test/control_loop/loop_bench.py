@@ -1,11 +1,8 @@
 """Setup of a control loop with simulated drives, and requests to it."""
 
-import inspect
-import socket
-
 from replies import future_of
 
-from facade_manipulator.control_loop.channel import Channel, LoopSetup
+from facade_manipulator.control_loop.channel import Channel, channel_ends, LoopSetup
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.kinematics import Geometry
@@ -36,18 +33,10 @@ def loop_arguments(ends):
 
 def channel_pair():
     """Return both ends of a channel."""
-    number = len(inspect.signature(Channel).parameters)  # of its sockets
-    pairs = [
-        socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(number)
-    ]
-    return tuple(Channel(*ends) for ends in zip(*pairs, strict=True))
+    return tuple(Channel(*ends) for ends in channel_ends())
 
 
 def waiting_messages(channel):
     """Yield the messages that wait in a channel, of a stream after the commands."""
-    if hasattr(channel, 'receive'):
-        while message := channel.receive(0.0):
-            yield message
-    else:
-        yield from channel.commands()
-        yield from channel.stream(1000)
+    yield from channel.commands()
+    yield from channel.stream(1000)

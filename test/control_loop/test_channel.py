@@ -16,3 +16,30 @@ def test_last_messages_of_an_ended_process_are_received():
     with pytest.raises(ConnectionError):
         next(messages)
     ours.close()
+
+
+def test_flood_of_the_stream_hides_no_command():
+    ours, theirs = channel_pair()
+    number = 0
+    while ours.send('setpoint', number):
+        number += 1
+    assert number > 100
+    assert ours.send('stop', 'enough')
+    assert [*theirs.commands()] == [('stop', ('enough',))]
+    assert theirs.stream(2) == [
+        ('setpoint', (number - 2,)),
+        ('setpoint', (number - 1,)),
+    ]
+    assert theirs.stream(2) == []
+
+
+def test_stream_is_read_while_the_condition_holds():
+    ours, theirs = channel_pair()
+    for number in range(5):
+        ours.send('state', number)
+    allowed = iter([True, True, False])
+    assert [content for _, content in theirs.stream(9, lambda: next(allowed))] == [
+        (0,),
+        (1,),
+    ]
+    assert len(theirs.stream(9)) == 3

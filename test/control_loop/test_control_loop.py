@@ -39,14 +39,6 @@ class NodeEnd:
         self._rig = rig
         self._next_feed = 0.0  # s
 
-    def receive(self, timeout):
-        """Return the next message, for a loop that has another thread for the drives."""
-        self._look()
-        if self.inbox:
-            return self.inbox.popleft()
-        self._rig.run(FEED_PERIOD)
-        return self.repeated
-
     def wait(self, timeout):
         self._rig.pass_time(timeout)
 
@@ -87,8 +79,6 @@ class LoopRig(Rig):
         settings = replace(SETTINGS, **changes)
         super().__init__(settings)
         self.node = NodeEnd(self)
-        self.controller.start = lambda: None
-        self.controller.close = lambda timeout: self.request('close')
         self.loop = ControlLoop(
             LoopSetup(Geometry(), settings, self.axes),
             self.node,
@@ -107,9 +97,8 @@ class LoopRig(Rig):
     def serve(self, seconds: float = 10.0) -> bool:
         """Let the loop serve its node for a while [s]; return whether it has ended by then."""
         self.node.pause_at = self.clock.now + seconds
-        run = self.loop.run if hasattr(self.loop, 'run') else self.loop.serve
         try:
-            run()
+            self.loop.run()
         except TimeoutError:
             return False
         self.loop.close()

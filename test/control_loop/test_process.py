@@ -58,11 +58,9 @@ class Peer:
 
     def launch(self, *ends):
         self.channel = Channel(*(end.dup() for end in ends))
-        has_stream = len(ends) == 2  # else one socket has all messages
         if self.first:
             kind, *content = self.first
-            is_state = has_stream and kind == 'state'
-            self.channel.send('started' if is_state else kind, *content)
+            self.channel.send('started' if kind == 'state' else kind, *content)
         else:
             ends[0].shutdown(socket.SHUT_WR)
         return self.process
@@ -234,3 +232,30 @@ def test_close_feeds_the_loop_and_times_out(monkeypatch):
     first, *feeds, last = [message[0] for message in peer.taken()]
     assert (first, {*feeds}, last) == ('request', {'feed'}, 'close') and len(feeds) > 3
     assert peer.process.mock_calls == KILLED
+
+
+def test_loop_that_reads_no_commands_is_ended():
+    peer = Peer(**RUNS)
+    for number in range(10_000):
+        peer.node.stop(f'cause {number}')
+        if peer.process.kill.called:
+            break
+    lost = peer.node.snapshot()
+    assert lost.state is ControllerState.LOST
+    assert 'has not read its messages, and was ended; the drives stop' in lost.cause
+
+
+def test_unanswered_feeds_never_fill_the_channel():
+    """Some interfaces take long to open, and the loop reads nothing then."""
+    peer = Peer(state(1, ControllerState.UNCONFIGURED))
+    for _ in range(600):
+        peer.node.feed()
+    peer.node.forbid_power('software_stop was set')
+    kinds = [message[0] for message in peer.taken()]
+    assert kinds[-1] == 'forbid'
+    assert kinds.count('feed') < 200
+    peer.channel.send(*state(2, ControllerState.UNCONFIGURED))
+    peer.node.feed()
+    peer.node.feed()
+    assert ('feed',) in peer.taken()
+    assert not peer.process.kill.called

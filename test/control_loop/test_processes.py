@@ -22,12 +22,12 @@ from facade_manipulator.errors import ManipulatorError, ParameterError
 
 pytestmark = pytest.mark.realtime
 
-# a process whose loop cannot end in order
+# a process of which a method of the loop hangs
 HANGING = """
 import sys, threading
 from facade_manipulator.control_loop import control_loop
-control_loop.END_TIMEOUT = 1
-control_loop.ControlLoop.close = lambda loop: threading.Event().wait()
+control_loop.END_TIMEOUT = control_loop.HANG_TIMEOUT = 1.0
+control_loop.ControlLoop.%s = lambda loop: threading.Event().wait()
 sys.exit(control_loop.main(*map(int, sys.argv[1:])))
 """
 
@@ -78,15 +78,23 @@ def test_sigterm_to_the_loop_ends_it_in_order(start_loop):
     assert client._process.wait(DEADLINE) == 0
 
 
-def test_loop_that_cannot_end_is_ended_by_the_kernel(start_loop):
-    client = start_loop(
-        lambda *ends: subprocess.Popen(
-            [sys.executable, '-c', HANGING, *loop_arguments(ends)],
-            pass_fds=[end.fileno() for end in ends],
-        )
+def hanging(method):
+    """Return the function that starts a loop of which a method hangs."""
+    return lambda *ends: subprocess.Popen(
+        [sys.executable, '-c', HANGING % method, *loop_arguments(ends)],
+        pass_fds=[end.fileno() for end in ends],
     )
+
+
+def test_loop_that_cannot_end_is_ended_by_the_kernel(start_loop):
+    client = start_loop(hanging('close'))
     request(client, 'configure')
     client._channel.close()
+    assert client._process.wait(DEADLINE) == -signal.SIGALRM
+
+
+def test_loop_that_hangs_in_a_turn_is_ended_by_the_kernel(start_loop):
+    client = start_loop(hanging('_require_node'))
     assert client._process.wait(DEADLINE) == -signal.SIGALRM
 
 

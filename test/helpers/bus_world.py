@@ -106,8 +106,6 @@ class Rig(BusWorld):
     def _turn(self) -> None:
         before = self.clock.now
         self.controller.turn()
-        if self.controller.is_closed and hasattr(self.controller, '_reject_rest'):
-            self.controller._reject_rest()  # its thread would end now
         if self.clock.now == before:  # there is no bus: the loop waits for its node
             self.pass_time(IDLE_WAIT)
         if self.failures:

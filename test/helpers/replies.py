@@ -2,14 +2,11 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future
-import inspect
 from typing import Any
 
 
 def future_of(request: Callable[..., Any], name: str) -> Future:
     """Call a method that takes a name and a function; return a future of the reply."""
-    if len(inspect.signature(request).parameters) == 1:
-        return request(name)
     answer = Future()
 
     def receive(reply: Any) -> None:

@@ -38,13 +38,11 @@ class LoopThread:
     def _run(self) -> None:
         self.loop = ControlLoop(*self._receive_setup(), self._channel)
         try:
-            (self.loop.run if hasattr(self.loop, 'run') else self.loop.serve)()
+            self.loop.run()
         finally:
             self.loop.close()
 
     def _receive_setup(self):
-        if hasattr(self._channel, 'receive'):
-            return self._channel.receive(DEADLINE)[1]
         self._channel.wait(DEADLINE)
         return next(self._channel.commands())[1]
 

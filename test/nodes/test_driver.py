@@ -11,6 +11,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions
 from nodes.bench import DriverBench, LoopThread
 import pytest
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from support import DEADLINE, limited
@@ -227,6 +228,12 @@ def test_node_ends_while_configure_restarts_the_loop(bench, is_released):
     assert bench.tested._loop.snapshot().state in ENDED
     assert started[0].wait(DEADLINE) == 0
     assert started[0].loop.controller.snapshot().state is ControllerState.CLOSED
+
+
+def test_live_limits_with_which_carriages_touch_are_rejected(bench):
+    result = bench.tested.set_parameters([Parameter('limits.speed', value=5.0)])[0]
+    assert not result.successful and 'axes.max_speed' in result.reason
+    assert bench.tested._loop._setup.limits.speed < 5.0
 
 
 def test_end_of_the_node_is_published(bench):
