@@ -146,7 +146,7 @@ def test_drives_that_stop_end_the_demo_with_the_reason(start):
         (
             ('--output', '/proc/nowhere'),
             1,
-            "No such file or directory: '/proc/nowhere'",
+            'demo: /proc/nowhere rejected: it does not exist; next: check the path',
         ),
         (
             ('--viewer',),
