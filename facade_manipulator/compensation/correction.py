@@ -42,8 +42,10 @@ NO_SHARE = MotionState(
     Pose(-1.0, -1.0, -1.0), ZERO_TWIST
 )  # a share of 0 minus a share of 1
 SMOOTHING = (
-    0.03  # s, time constant of a change by a new estimate: an estimator at 30 Hz
+    0.03  # s, time constant of a change by an estimate with the usual noise: 30 Hz
 )
+LEAST_SMOOTHING = 0.015  # s, the same with less than half of it
+USUAL_NOISE = (1e-3, 1e-3, 1.75e-3)  # m, m, rad
 
 
 @settings
@@ -93,10 +95,26 @@ class Remainder:
     The integrals of |g|, |g'|, |h| and |h'| are 2 T, 1, U² and 2 U/e. Hence the sum of trajectory
     and remainders is within P + 2 T V + 2 U V/e + U² A.
 
+    The time constant may also change, if one remainder takes the jumps of both. The sum f of
+    trajectory and remainder is then smooth, and a critically damped filter of the trajectory,
+
+        f'' + 2 f'/T + f/T² = u,    u = a'' + 2 a'/T + a/T².
+
+    With T between L and H, count time in units of their geometric mean τ = √(L H), so that r = τ/T
+    is between √(L/H) and √(H/L). For W² = f² + √2 f f' + f'² and u = 0,
+
+        (W²)' = −√2 r² f² + (2 − 2√2 r − 2 r²) f f' + (√2 − 4 r) f'².
+
+    This form is negative definite where 4√2 r² (4 r − √2) > (2 − 2√2 r − 2 r²)². Division by 4 r²
+    and s = r + 1/r make it 2√2 s − 4 > s² − 4, that is s < 2√2. It holds for all r, and W² is a
+    common Lyapunov function, if H/L < (1 + √2)² = 3 + 2√2. For H = 2 L, W decays at least by the
+    rate √2/4. As u adds at most |u| to the derivative of W, W remains within 2√2 max |u|. With
+    |f| ≤ √2 W the sum is within 4 (2 P + 2 H V + L H A).
+
     Parameters
     ----------
     constant : float
-        Time constant [s].
+        Time constant [s], until `add` changes it.
 
     """
 
@@ -109,9 +127,16 @@ class Remainder:
         self._start = self._end = -math.inf  # begin and end of the remainder [s]
         self._position, self._slope = ZERO_POSE, ZERO_TWIST
 
-    def add(self, time: float, jump: MotionState) -> None:
-        """Add a jump at a time [s]: the old trajectory minus the new trajectory."""
-        left, constant = self.at(time), self._constant
+    def add(
+        self, time: float, jump: MotionState, constant: float | None = None
+    ) -> None:
+        """
+        Add a jump at a time [s]: the old trajectory minus the new trajectory.
+
+        From then on the remainder decays with the time constant [s], by default as before.
+        """
+        left = self.at(time)
+        self._constant = constant = constant or self._constant
         self._position = add(left.position, jump.position)
         self._slope = Twist(
             *[
@@ -162,6 +187,8 @@ class Correction:
         self._found = [-math.inf] * len(
             self.known
         )  # time at which each axis became known [s]
+        #: velocity of the correction by its fades, without a motion of the rail [m/s, m/s, rad/s]
+        self.fading = ZERO_TWIST
         self._time: float | None = None
         self._state = ZERO_STATE  # at that time; later states continue it
         self._interrupted = (
@@ -199,7 +226,8 @@ class Correction:
             jump = self._target(predicted).minus(self._target(self._predicted))
             self._catch_up.add(self._time, jump)
         else:
-            self._smooth.add(self._time, predicted.minus(self._predicted))
+            jump = predicted.minus(self._predicted)
+            self._smooth.add(self._time, jump, self._smoothing)
 
     def _note_known(self, estimate: Estimate) -> None:
         """Fade an axis out when it becomes unknown, and in when its estimate has settled."""
@@ -252,9 +280,10 @@ class Correction:
             self._change(mode=mode)
         self._time = time
         target = self._target(self._predicted)
-        self._state = target
-        for remainder in (self._fade, self._brake, self._catch_up):
-            self._state = self._state.plus(remainder.at(time))
+        fade = self._fade.at(time).plus(self._brake.at(time))
+        fade = fade.plus(self._catch_up.at(time))
+        self.fading = fade.velocity
+        self._state = target.plus(fade)
         return self._state
 
     def deviations(self, time: float) -> tuple[float, ...] | None:
@@ -272,6 +301,22 @@ class Correction:
         The prediction continues the correction for longer, up to `FADE_AFTER`.
         """
         return self._has_estimates and abs(self.age(now)) > SILENCE
+
+    @property
+    def _smoothing(self) -> float:
+        """
+        Return the time constant [s] of a change by a new estimate.
+
+        The changes by the noise of the estimates determine the jerk of the carriages, so that
+        less noise needs less smoothing. The noise is that of the worst axis.
+        """
+        noise = max(
+            math.sqrt(variance) / usual
+            for variance, usual in zip(
+                self.predictor.innovations.tolist(), USUAL_NOISE, strict=True
+            )
+        )
+        return min(max(noise * SMOOTHING, LEAST_SMOOTHING), SMOOTHING)
 
     @property
     def _has_estimates(self) -> bool:

@@ -65,6 +65,7 @@ PEAK_SHARE = (
 NOISE_PEAK = 9.0  # squared acceleration divided by the variance of its noise: less is not a motion
 GROWTH = 2.0  # of the squared acceleration, above which earlier learning weighs less
 LARGEST_STEP = 3.0  # standard deviations, towards trusted tones; 1 towards others
+INNOVATION_TIME = 2.0  # s, averaging time of the squared innovations
 HOLD_TIME = 0.2  # s, time constant of the velocity beyond the last horizon
 NEAR, FAR = (
     slice(0, 4),
@@ -105,6 +106,9 @@ class DisturbancePredictor:
     ----------
     stamp, since : float
         Stamps of the last estimate and of the first learnt estimate [s]; −∞ before any estimate.
+    innovations : numpy.ndarray, shape (3,)
+        Mean squared errors of the forecasts of the next estimate [m², m², rad²], without wrong
+        estimates: the noise of the estimates and the error of the prediction.
 
     """
 
@@ -197,6 +201,7 @@ class DisturbancePredictor:
         self._newest: list[Pieces] = []
         self._trusted: list[tuple[float, Pieces]] = []
         self._known = noise * (self._interval * ACCELERATION_NOISE)
+        self.innovations = noise.copy()
         self._solve(self._continuations, noise)
 
     def _follow(
@@ -215,6 +220,9 @@ class DisturbancePredictor:
         is_doubted = [jump.is_doubted for jump in self._jumps]
         self._is_wrong = np.array([jump.is_wrong for jump in self._jumps])
         steps = max(round(interval / self._interval), 1)
+        if steps == 1:  # not over a gap
+            weights = interval / INNOVATION_TIME * ~self._is_wrong
+            self.innovations += weights * (error**2 - self.innovations)
         for share in [step / steps for step in range(1, steps + 1)]:
             between = (
                 expected

@@ -40,12 +40,13 @@ class Run(CompensatedHead):
             motion, rate=50.0, age=0.05, correction=CorrectionSettings(**settings)
         )
         self.random = np.random.default_rng(0)
+        self.noise = 1.0  # share of the published deviation
         self.correction = self.compensator.correction
         del self.compensator  # a run is copied, which no path permits
 
     def add_estimate(self, stamp):
         if self.heard:
-            noise = self.random.standard_normal(3) * (1e-3, 1e-3, 1.7e-3)
+            noise = self.noise * self.random.standard_normal(3) * (1e-3, 1e-3, 1.7e-3)
             wrong = self.lie.pop(0) if self.lie else 0.0
             self.correction.add_estimate(
                 Estimate(
@@ -175,6 +176,24 @@ def test_tare_without_a_fresh_estimate_is_rejected(heard, message):
     run.go(2.0, heard=False)
     with pytest.raises(ManipulatorError, match=message):
         run.correction.tare(run.now)
+
+
+@pytest.mark.parametrize(
+    ('share', 'constant'), [(0.2, 0.015), (0.4, 0.015), (1.0, 0.03)]
+)
+def test_smoothing_follows_the_noise_of_the_estimates(share, constant):
+    run = Run()
+    run.noise = share
+    run.go(12.0)
+    assert run.correction._smoothing == pytest.approx(constant, rel=0.1)
+
+
+def test_fading_is_the_motion_by_a_step_of_the_estimator(settled):
+    run, moved_by = deepcopy(settled), np.zeros(3)
+    for _ in range(400):
+        run.go(PERIOD, lie=[0.03])
+        moved_by += PERIOD * np.array(run.correction.fading)
+    assert moved_by == pytest.approx(np.full(3, 0.03), abs=5e-3)
 
 
 @pytest.mark.parametrize('lost', range(3))

@@ -74,5 +74,56 @@ def test_trajectory_with_its_remainders_stays_within_the_bound(pieces, slow, fas
     )
 
 
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(-0.1, 0.1),
+            st.floats(-1.0, 1.0),
+            st.floats(-5.0, 5.0),
+            st.floats(1.0, 2.0),
+        ),
+        min_size=2,
+        max_size=60,
+    ),
+    st.floats(0.005, 0.1),
+)
+def test_remainder_with_changing_time_constant_stays_within_the_bound(pieces, least):
+    """Each piece has a position, velocity, acceleration, and a multiple of the time constant."""
+    remainder, reached, beyond = Remainder(least), motion(0.0, 0.0), 0.0
+    highest = np.zeros(3)  # of position, velocity and acceleration
+    for number, (p, v, a, factor) in enumerate(pieces):
+        begin = START + 2.0 * number * PERIOD
+        remainder.add(begin, reached.minus(motion(p, v)), factor * least)
+        for t in (0.0, PERIOD, 2.0 * PERIOD):
+            reached = motion(p + v * t + 0.5 * a * t * t, v + a * t)
+            highest = np.maximum(
+                highest, np.abs((reached.position.x, reached.velocity.x, a))
+            )
+            total = reached.plus(remainder.at(begin + t))
+            beyond = max(beyond, abs(total.position.x))
+    position, velocity, acceleration = highest
+    assert beyond <= 1e-9 + 4.0 * (
+        2.0 * position + 4.0 * least * velocity + 2.0 * least**2 * acceleration
+    )
+
+
+@given(
+    st.lists(st.floats(1.0, 5.8), min_size=200, max_size=200), st.floats(0.002, 0.02)
+)
+def test_remainder_decays_for_any_change_of_its_time_constant(factors, step):
+    """The measure of the remainder is the Lyapunov function of the proof."""
+    least, before = 0.015, math.inf
+    remainder, scale = Remainder(least), least * math.sqrt(5.8)
+    remainder.add(START, motion(1.0, 0.0))
+    for number, factor in enumerate(factors):
+        time = START + number * step
+        remainder.add(time, ZERO_STATE, least * factor)
+        left = remainder.at(time)
+        x, v = left.position.x, scale * left.velocity.x
+        measure = x * x + math.sqrt(2.0) * x * v + v * v
+        assert measure <= before * (1.0 + 1e-9)
+        before = measure
+
+
 def motion(x, vx):
     return MotionState(Pose(x, 0.0, 0.0), Twist(vx, 0.0, 0.0))
