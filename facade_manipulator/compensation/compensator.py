@@ -263,7 +263,13 @@ class Compensator:
             reach_time,
             interval,
             reference,
-            Surroundings(saturation_error, disturbance.y, silence, beyond),
+            Surroundings(
+                saturation_error,
+                disturbance.y,
+                silence,
+                beyond,
+                self.correction.fading.y,
+            ),
         )
 
     def _initialise(
