@@ -9,11 +9,13 @@ from gusts import bound, gusts
 import numpy as np
 from rows import in_turns, row
 
+from facade_manipulator.compensation.correction import Correction, CorrectionSettings
 from facade_manipulator.kinematics import MotionState, Pose, ZERO_TWIST
+from facade_manipulator.prediction.estimate import Estimate
 from facade_manipulator.prediction.predictor import DisturbancePredictor
 
 INTERVAL, NOISE, AHEAD = 0.02, 1e-3, 0.12  # s; m, m and rad; s
-VARIANCES = 3 * [NOISE**2]
+LEAD = 0.06  # s, of a corrected pose over its publication
 JERK_DENSITIES = 10.0 ** np.arange(-6.0, 2.0, 0.5)  # m²/s⁵ or rad²/s⁵
 TUNING_SEED = 1000
 TONES = (  # of x, y and yaw: amplitude [m, m, rad] and frequency [Hz]
@@ -46,6 +48,19 @@ class KalmanFilters:
         )
 
 
+class Corrected:
+    """The correction of the compensator, which smooths the prediction for the head."""
+
+    def __init__(self):
+        self._correction = Correction(CorrectionSettings())
+
+    def update(self, stamp, pose, variances):
+        self._correction.add_estimate(Estimate(stamp, pose, tuple(variances)))
+
+    def predict(self, at):
+        return self._correction.at(at - LEAD, at)
+
+
 def tones(seed, interval):
     """Return three tones along each axis for two minutes, phases by the seed, shape (n, 3)."""
     phase = np.random.default_rng(seed).random
@@ -61,7 +76,7 @@ def tones(seed, interval):
     )
 
 
-def errors(make, source, quick, seed):
+def errors(make, source, quick, seed, noise=NOISE):
     """Return RMS errors of x, y and yaw by the noise, and the time [s] for an estimate."""
     settled, end = (500, 750) if quick else (1000, 3500)
     predictor, signal, random = (
@@ -69,11 +84,11 @@ def errors(make, source, quick, seed):
         source(seed, INTERVAL),
         np.random.default_rng(seed),
     )
-    measured = signal[:end] + NOISE * random.standard_normal((end, 3))
+    measured = signal[:end] + noise * random.standard_normal((end, 3))
     squares, cost = [], 0.0
     for number, values in enumerate(measured.tolist()):
         stamp, pose, begin = number * INTERVAL, Pose(*values), time.process_time()
-        predictor.update(stamp, pose, VARIANCES)
+        predictor.update(stamp, pose, 3 * [noise**2])
         expected = predictor.predict(stamp + AHEAD).position
         predictor.predict(stamp + AHEAD + 0.01)  # as the compensator does at 100 Hz
         if number >= settled:
@@ -81,7 +96,7 @@ def errors(make, source, quick, seed):
             squares.append(
                 np.subtract(expected, signal[number + round(AHEAD / INTERVAL)]) ** 2
             )
-    return *np.sqrt(np.mean(squares, axis=0)) / NOISE, cost / len(squares)
+    return *np.sqrt(np.mean(squares, axis=0)) / noise, cost / len(squares)
 
 
 def rows(quick):
@@ -118,6 +133,18 @@ def rows(quick):
                 error,
                 np.linalg.norm(bound(INTERVAL, NOISE, AHEAD)) / NOISE,
             )
+    for noise, goal in ((0.4 * NOISE, '<= 1.2'), (NOISE, '<= 1.3')):
+        found = [
+            errors(Corrected, gusts, quick, seed, noise)[:3]
+            for seed in range(1 if quick else 7)
+        ]
+        yield row(
+            f'P2 error of the correction, noise {1e3 * noise:g} mm / information bound',
+            'sigma',
+            goal,
+            np.median([np.linalg.norm(each) for each in found]),
+            np.linalg.norm(bound(INTERVAL, noise, AHEAD)) / noise,
+        )
     yield row(
         'P1 estimate learnt and two predictions / three filters of filterpy',
         'us',
