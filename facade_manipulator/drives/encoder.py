@@ -1,8 +1,14 @@
 """
 Position that a drive sends: its speed, and the detection of encoder faults.
 
-A carriage cannot change its speed faster than its drive allows. A faster change shows that the
-encoder has slipped.
+A carriage cannot change its speed faster than its drive allows. Each position is compared with the
+position that the last speed predicts. The difference is a *jump*:
+
+- A jump above its bound shows at once that the encoder has slipped.
+- Smaller jumps above half of the bound are added. Their sum since homing has a limit, too.
+
+Both are judged only while the position counts: when the axis is homed, or its drive has found home
+while others still home.
 """
 
 from __future__ import annotations
@@ -30,19 +36,20 @@ class Encoder:
         #: whether the position is that of the carriage
         self.homed = False
         self._metres = axis.to_metres(1.0)
-        self._compared: int | None = (
-            None  # the position that the next one is compared with
-        )
         self._acceleration = max(axis.max_acceleration, axis.stop_deceleration)
-        self._period = self._elapsed = period
-        self._time = self._slipped = 0.0
+        self._period = period
+        self._compared: int | None = None  # counts with which the next are compared
+        self._time = 0.0  # of these counts [s]
+        self._elapsed = period  # from their predecessor to them [s]
+        self._slipped = 0.0  # sum of doubtful jumps since homing [m]
         self._is_trusted = True
         self._has_found_home = False
         self._is_speed_valid = True  # not if a drive has changed its coordinates
 
     def begin_homing(self) -> None:
         """Forget the home position and the errors of earlier positions."""
-        self.homed = self._has_found_home = False
+        self.homed = False
+        self._has_found_home = False
         self._is_trusted = True
         self._slipped = 0.0
 
@@ -60,42 +67,59 @@ class Encoder:
 
     def distrust(self) -> None:
         """Record that the position is lost until the axis is homed again."""
-        self.homed = self._is_trusted = self._has_found_home = False
+        self.homed = False
+        self._is_trusted = False
+        self._has_found_home = False
 
     def receive(self, counts: int, time: float) -> str:
         """Receive a position [counts] at a time [s]; return why it is distrusted, or ``''``."""
         self.counts = counts
-        if (
-            self._compared is not None
-            and 0.0 <= time - self._time < TOO_SOON * self._period
-        ):
+        before = self._compared
+        if before is not None and 0.0 <= time - self._time < TOO_SOON * self._period:
             return ''  # the answer to a second SYNC: the next position is compared with the first
-        before, self._compared = self._compared, counts
-        elapsed, self._time = max(time - self._time, self._period), time
+        elapsed = max(time - self._time, self._period)
+        self._compared = counts
+        self._time = time
         if before is None:
-            self.speed, self._elapsed = 0.0, self._period
+            self._elapsed = self._period
+            self.speed = 0.0
             return ''
-        earlier, self._elapsed = self._elapsed, elapsed
-        moved, expected = self._metres * (counts - before), self.speed * elapsed
+
+        expected = self.speed * elapsed
+        moved = self._metres * (counts - before)
+        bound = self._jump_bound(expected, elapsed)
+        self._elapsed = elapsed
         self.speed = moved / elapsed
-        jump = abs(moved - expected)
         if not self._is_speed_valid:
             self._is_speed_valid = True
             return ''
-        bound = (  # of mean speeds
-            JUMP_NOISE
-            + JUMP_MARGIN * self._acceleration * 0.5 * (earlier + elapsed) * elapsed
-            + JUMP_JITTER * abs(expected)
-        )
-        self._slipped += jump if jump > DOUBTFUL * bound else 0.0
-        is_judged = self.homed or self._has_found_home
-        if not is_judged or (jump <= bound and self._slipped <= MOST_SLIPPED):
+        return self._judge(abs(moved - expected), bound)
+
+    def _jump_bound(self, expected: float, elapsed: float) -> float:
+        """
+        Return the largest jump of an encoder that works [m].
+
+        Both speeds are means over their intervals, so that they may differ by the acceleration
+        during the mean of both intervals.
+        """
+        interval = 0.5 * (self._elapsed + elapsed)
+        accelerated = self._acceleration * interval * elapsed
+        return JUMP_NOISE + JUMP_MARGIN * accelerated + JUMP_JITTER * abs(expected)
+
+    def _judge(self, jump: float, bound: float) -> str:
+        """Return why the position is distrusted after a jump [m], or ``''``."""
+        if jump > DOUBTFUL * bound:
+            self._slipped += jump
+        if not self.homed and not self._has_found_home:
+            return ''
+        if jump > bound:
+            failure = f'has jumped by {jump:.4g} m, above the limit {bound:.4g} m'
+        elif self._slipped > MOST_SLIPPED:
+            failure = (
+                f'has slipped by {self._slipped:.4g} m in all since homing, '
+                f'above the limit {MOST_SLIPPED:g} m'
+            )
+        else:
             return ''
         self.distrust()
-        distrust = (
-            f'has jumped by {jump:.4g} m, above the limit {bound:.4g} m'
-            if jump > bound
-            else f'has slipped by {self._slipped:.4g} m in all since homing, '
-            f'above the limit {MOST_SLIPPED:g} m'
-        )
-        return f'{distrust}: it can no longer be trusted'
+        return f'{failure}: it can no longer be trusted'

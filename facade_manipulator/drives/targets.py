@@ -181,48 +181,68 @@ class TargetSupervisor:
         `reach_time` is when the drives reach the targets, on the monotonic clock [s]. Raises a
         ManipulatorError if the source has failed, or a target must not go to the drives.
         """
-        group, before, source = self._group, self._state, self.mechanism.source
-        self._state = group.state
-        is_active = group.state is ControllerState.ACTIVE
-        if not group.follows:
-            self.positions = None
-            controlword, mode = group.commands[0]
-            enabled = controlword & 0x0F == Controlword.ENABLE_OPERATION
-            if not (enabled and mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
-                self.counts = tuple([one.counts for one in group.monitors])
+        before = self._state
+        state = self._group.state
+        self._state = state
+        if not self._group.follows:
+            self._follow_carriages()
             return
+
+        is_resumed = (
+            state is ControllerState.ACTIVE and before is ControllerState.HALTED
+        )
         held = self.positions
-        if held is None or (is_active and before is ControllerState.HALTED):
-            # begin where the drives hold; from now on the following error shows a carriage that
-            # has moved since power-on
-            q1, q2, q3 = [
-                one.axis.to_metres(counts)
-                for one, counts in zip(group.monitors, self.counts, strict=True)
+        if held is None or is_resumed:
+            held = self._begin_at_targets()
+        if state is ControllerState.ACTIVATING:
+            return
+        source = self.mechanism.source
+        if state is not ControllerState.ACTIVE:
+            source.hold()
+        self._use(source.sample(reach_time), held)
+
+    def _follow_carriages(self) -> None:
+        """Let the targets be the present positions, except of drives that hold with power."""
+        self.positions = None
+        controlword, mode = self._group.commands[0]
+        is_enabled = controlword & 0x0F == Controlword.ENABLE_OPERATION
+        if not (is_enabled and mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
+            self.counts = tuple([one.counts for one in self._group.monitors])
+
+    def _begin_at_targets(self) -> Triple:
+        """
+        Begin to follow the source at the targets that the drives hold; return them [m].
+
+        From now on the following error shows a carriage that has moved since power-on.
+        """
+        q1, q2, q3 = [
+            one.axis.to_metres(counts)
+            for one, counts in zip(self._group.monitors, self.counts, strict=True)
+        ]
+        held = (q1, q2, q3)
+        self.positions = held
+        self._latched.extend([held] * (self._latched.maxlen or 0))
+        self.mechanism.source.reset(held)
+        return held
+
+    def _use(self, targets: Triple, held: Triple) -> None:
+        """Check targets after those held [m], the last check before the bus; convert them."""
+        self.mechanism.check_targets(targets)
+        for name, old, new in zip(AXIS_NAMES, held, targets, strict=True):
+            step = abs(new - old)
+            if not step <= self._largest_step + ROUNDING:  # also a step not finite
+                raise SetpointLimitError(
+                    f'step of the target of {name} in one cycle',
+                    step,
+                    self._largest_step,
+                    'm',
+                    'above',
+                )
+        # the limits of each stroke fit into the 32 bits of its drive: configure writes them
+        self.counts = tuple(
+            [
+                one.axis.to_counts(target)
+                for one, target in zip(self._group.monitors, targets, strict=True)
             ]
-            self.positions = held = q1, q2, q3
-            self._latched.extend([held] * (self._latched.maxlen or 0))
-            source.reset(held)
-        if group.state is not ControllerState.ACTIVATING:
-            if not is_active:
-                source.hold()
-            targets = source.sample(reach_time)
-            self.mechanism.check_targets(targets)
-            for name, old, new in zip(AXIS_NAMES, held, targets, strict=True):
-                if (
-                    not abs(new - old) <= self._largest_step + ROUNDING
-                ):  # also one not finite
-                    raise SetpointLimitError(
-                        f'step of the target of {name} in one cycle',
-                        abs(new - old),
-                        self._largest_step,
-                        'm',
-                        'above',
-                    )
-            # the limits of each stroke fit into the 32 bits of its drive: configure writes them
-            self.counts = tuple(
-                [
-                    one.axis.to_counts(target)
-                    for one, target in zip(group.monitors, targets, strict=True)
-                ]
-            )
-            self.positions = targets
+        )
+        self.positions = targets
