@@ -33,6 +33,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from facade_manipulator import config_path, topics
+from facade_manipulator.executables import INTERRUPTED
 from facade_manipulator.kinematics import Geometry, urdf
 from facade_manipulator.nodes.messages import Frames
 from facade_manipulator.parameters import read_parameters, settings_from
@@ -42,7 +43,7 @@ PACKAGE = 'facade_manipulator'
 RECORDING = Path(__file__).with_name('record.launch.py')
 BOOLEAN = ['true', 'false', 'True', 'False']
 # Ctrl-C may end a node before launch itself receives it, also while the node still starts.
-ORDERLY_ENDS = (0, -signal.SIGINT)
+ORDERLY_ENDS = (0, INTERRUPTED, -signal.SIGINT)
 RESPAWN = {'respawn': True, 'respawn_delay': 2.0}  # s
 DRIVER_PATIENCE = (
     '15.0'  # s: the driver ramps down, powers off and closes the bus before it ends

@@ -24,11 +24,7 @@ pytest.importorskip(
 )
 
 PACKAGE = 'facade_manipulator'
-NODES = {
-    'driver': 'nodes.driver',
-    'manipulator': 'nodes.manipulator',
-    'gondola_simulator': 'simulation.gondola_simulator',
-}
+NODES = ('driver', 'manipulator', 'gondola_simulator')
 LINK_TRANSFORMS = 'robot_state_publisher'
 EXECUTABLES = {*NODES, LINK_TRANSFORMS}
 OPTIONAL = (LINK_TRANSFORMS, 'ros2bag', 'rosbag2_storage_mcap')
@@ -63,9 +59,10 @@ class Launch:
             (self.packages / name).touch()
         scripts = {
             f'lib/{PACKAGE}/{name}': (
-                f'from {PACKAGE}.{module} import main\nraise SystemExit(main())\n'
+                f'from {PACKAGE}.executables import {name}\n'
+                f'raise SystemExit({name}())\n'
             )
-            for name, module in NODES.items()
+            for name in NODES
         }
         others = (f'lib/{LINK_TRANSFORMS}/{LINK_TRANSFORMS}', 'bin/ros2')
         for name, code in {**scripts, **dict.fromkeys(others, STAND_IN)}.items():
@@ -151,6 +148,15 @@ def test_ctrl_c_before_the_configuration_ends_in_order(launch, delay):
     os.killpg(process.pid, signal.SIGINT)
     assert process.wait(DEADLINE) == 0
     assert not any(map(command, pids_of(process).values()))
+    assert '[launch]: Caught exception' not in process.log.read_text()
+
+
+def test_node_interrupted_before_launch_ends_launch_in_order(launch):
+    process = launch('use_mock_hardware:=true')
+    pid, _ = until_started(process, 'driver')
+    time.sleep(0.15)  # s: the driver imports its modules
+    os.kill(pid, signal.SIGINT)
+    assert process.wait(DEADLINE) == 0
     assert '[launch]: Caught exception' not in process.log.read_text()
 
 
