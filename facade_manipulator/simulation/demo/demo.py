@@ -229,7 +229,7 @@ class Demo:
             say(self.last_line('driver'))
 
     def report(self, run: report.Run) -> None:
-        """Print and draw the run; raises a ManipulatorError if a result is below its bound."""
+        """Print and draw the run; raises a ManipulatorError if a result is below its limit."""
         names, counters = (
             ('disturbance_rms', 'residual_rms', 'attenuation_db'),
             self.counters(),

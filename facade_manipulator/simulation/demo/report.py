@@ -93,17 +93,17 @@ class Run:
         self.figures, self.low = (
             list[str](),
             list[str](),
-        )  #: as text; of axes below their bounds
-        for (name, scale, unit), (before, after, attenuation), bound in zip(
+        )  #: as text; of axes below their limits
+        for (name, scale, unit), (before, after, attenuation), least in zip(
             POSE_AXES, self.rms, scenario.mission.attenuation, strict=True
         ):
-            is_held = bound > -math.inf
+            is_held = least > -math.inf
             self.figures.append(
                 f'{name} {scale * before:.3g} → {scale * after:.3g} {unit} '
                 + (f'({attenuation:.3g} dB)' if is_held else '(yields to contact)')
             )
-            if attenuation < bound:
-                self.low.append(f'{self.figures[-1]}, bound {bound:g} dB')
+            if attenuation < least:
+                self.low.append(f'{self.figures[-1]} is below the limit {least:g} dB')
 
 
 def draw(run: Run) -> dict[str, bytes]:

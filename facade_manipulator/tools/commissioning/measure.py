@@ -200,8 +200,8 @@ def run_lag(context: Context) -> None:
         difference = abs(lag - np.median(lags))
         if difference > _ALIKE:
             print(
-                f'! {name}: its lag differs by {_MS * difference:.1f} ms, bound '
-                f'{_MS * _ALIKE:g} ms; next: check its screw and its tuning'
+                f'! {name}: its lag differs by {_MS * difference:.1f} ms, above the '
+                f'limit {_MS * _ALIKE:g} ms; next: check its screw and its tuning'
             )
     context.record(
         'lag', {'controller.drive_lag': max(0.0, round(float(lags.mean()), 4))}

@@ -51,12 +51,12 @@ def test_figures_and_spectrum_show_the_recorded_error():
 
 
 @pytest.mark.parametrize('yields', [False, True])
-def test_axis_that_yields_to_contact_has_no_bound(yields):
+def test_axis_that_yields_to_contact_has_no_limit(yields):
     mission = Mission(attenuation=(20.0, 12.0, -math.inf if yields else 12.0))
     made = run(amplitude=0.05, mission=mission)
     assert [text.split()[0] for text in made.low] == [
         'x'
-    ] and 'bound 20 dB' in made.low[0]
+    ] and 'below the limit 20 dB' in made.low[0]
     assert ['dB' in text for text in made.figures] == [True, True, not yields]
 
 
