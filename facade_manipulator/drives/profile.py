@@ -18,7 +18,7 @@ from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.units import VELOCITY_UNITS
-from facade_manipulator.errors import file_sentence, ParameterError
+from facade_manipulator.errors import file_sentence, NEXT, ParameterError
 from facade_manipulator.parameters import read_value
 from facade_manipulator.resources import config_path
 
@@ -208,6 +208,8 @@ def load_profile(name: str) -> DriveProfile:
             reason = f'{error.args[0]} is missing'
         if isinstance(error, OSError):
             reason = file_sentence(error)
+        if NEXT not in reason:
+            reason = f'{reason}; next: correct the file'
         raise ParameterError(
             f'the drive profile {name} is not valid: {reason}'
         ) from None
