@@ -88,8 +88,6 @@ class ManipulatorError(Exception):
 class ParameterError(ManipulatorError, ValueError):
     """A parameter is not finite, out of range, or contradicts another parameter."""
 
-    next_step = 'correct this value'
-
 
 #: next step after the rejection of a message, by its reason
 INPUT_STEPS = {

@@ -27,7 +27,7 @@ NODES = (
     'gondola_simulator',
 )
 _TYPES = {
-    bool: 'a bool',
+    bool: 'true or false',
     int: 'an integer',
     float: 'a double such as 1.0',
     str: 'a string',
@@ -119,7 +119,7 @@ def _elements(name: str, value: Any, info: ParameterInfo) -> Sequence[Any]:
     if not isinstance(info.default, tuple):
         return (value,)
     if not isinstance(value, (tuple, list)):
-        raise ParameterError(f'{name} = {value!r} is not a list')
+        raise ParameterError(f'{name} = {value!r} is not a list; next: write [{value}]')
     return value
 
 
@@ -128,29 +128,42 @@ def _require_type(name: str, value: Any, info: ParameterInfo) -> None:
     for kind in map(type, _elements(name, info.default, info)):
         for element in _elements(name, value, info):
             if type(element) is not kind:
-                raise ParameterError(f'{name} = {element!r}, expected {_TYPES[kind]}')
+                raise _wrong_type(name, element, kind)
+
+
+def _wrong_type(name: str, element: Any, kind: type) -> ParameterError:
+    """Return the error for an element of another type; the caller raises it."""
+    step = f'set {_TYPES[kind]}'
+    if kind is float and type(element) is int:
+        step = f'write {float(element)}'
+    return ParameterError(
+        f'{name} = {element!r}, expected {_TYPES[kind]}; next: {step}'
+    )
 
 
 def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
-    """Check a value; the error names the parameter, its value, its bound and unit."""
+    """Check a value; the error names the parameter, its value, its limit and unit."""
     unit, elements = f' {info.unit}' if info.unit else '', _elements(name, value, info)
     if info.elements and len(elements) != len(info.elements):
         raise ParameterError(
-            f'{name} has {len(elements)} elements, expected '
-            f'{len(info.elements)}: {", ".join(info.elements)}'
+            f'{name} has {len(elements)} elements, expected {len(info.elements)}: '
+            f'{", ".join(info.elements)}; next: write these {len(info.elements)} elements'
         )
     for element in elements:
         if info.minimum is not None and not isinstance(element, (int, float)):
-            raise ParameterError(f'{name} = {element!r}, expected {_TYPES[float]}')
+            raise _wrong_type(name, element, float)
         if isinstance(element, float) and not math.isfinite(element):
-            raise ParameterError(f'{name} = {element} is not a finite number')
-        for side, bound, sign in (
-            ('below its minimum', info.minimum, 1.0),
-            ('above its maximum', info.maximum, -1.0),
+            raise ParameterError(
+                f'{name} = {element} is not a finite number; next: set a number'
+            )
+        for side, step, limit, sign in (
+            ('below its minimum', 'at least', info.minimum, 1.0),
+            ('above its maximum', 'at most', info.maximum, -1.0),
         ):
-            if bound is not None and sign * element < sign * bound:
+            if limit is not None and sign * element < sign * limit:
                 raise ParameterError(
-                    f'{name} = {element:g}{unit} is {side} {bound:g}{unit}'
+                    f'{name} = {element:g}{unit} is {side} {limit:g}{unit}; '
+                    f'next: set {step} {limit:g}{unit}'
                 )
 
 
@@ -176,7 +189,9 @@ def settings_from(
             _require_type(name, value, infos[known[name]])
             given[known[name]] = tuple(value) if isinstance(value, list) else value
         elif prefix and name.partition('.')[0] == prefix:
-            raise ParameterError(f"no parameter '{name}'{nearest(name, known)}")
+            raise ParameterError(
+                f"no parameter '{name}'{nearest(name, known)}; next: correct or remove it"
+            )
     try:
         return cls(**defaults | given)
     except ParameterError as error:  # its message begins with the name of a field
@@ -257,8 +272,8 @@ def read_sections(paths: Sequence[Path]) -> dict[str, dict[str, Any]]:
             section, is_parameter, name = place.partition('/ros__parameters/')
             if not is_parameter or value is None:
                 raise ParameterError(
-                    f'{path} is not a parameter file: {place} is not a value '
-                    'below ros__parameters'
+                    f'{path} is not a parameter file: {place} is not a value below '
+                    'ros__parameters; next: write NODE, ros__parameters and the values'
                 )
             sections.setdefault(section.strip('/'), {})[name.replace('/', '.')] = value
     return sections
@@ -283,7 +298,7 @@ def require_known_node(section: str, known: Iterable[str]) -> str:
     if node.strip('*') and node not in known:
         raise ParameterError(
             f"section {section} rejected: no node is called '{node}'"
-            f'{nearest(node, known)}'
+            f'{nearest(node, known)}; next: correct the name of the section'
         )
     return node.strip('*')
 

@@ -104,10 +104,35 @@ def test_each_reason_has_a_specific_next_step_and_a_row():
     assert [reason for reason in reasons() if f'`{reason}`' not in page] == []
 
 
-@pytest.mark.parametrize('kind', family(ParameterError))
-def test_parameter_error_has_one_next_step(kind):
-    assert str(kind('rate is wrong')).count(NEXT) == 1
-    outer = kind(f'file rejected: {kind("rate is wrong; next: set 100 Hz")}')
+def parameter_errors():
+    """Return the texts of the ParameterErrors in the package with their places."""
+    found = []
+    for path in sorted(PACKAGE.rglob('*.py')):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if (
+                isinstance(node, ast.Call)
+                and isinstance(node.func, ast.Name)
+                and node.func.id == 'ParameterError'
+                and isinstance(node.args[0], (ast.JoinedStr, ast.Constant))
+            ):
+                place = f'{path.relative_to(PACKAGE)}:{node.lineno}'
+                found.append((place, ast.unparse(node.args[0])))
+    return found
+
+
+def test_each_parameter_error_has_a_specific_next_step():
+    """An error that contains another error has the next step of the other error."""
+    inner = re.compile(r'\{(reason|error|str\(error\)|file_sentence\(error\))\}.$')
+    errors = parameter_errors()
+    assert len(errors) > 30
+    assert [
+        one for one in errors if 'next: ' not in one[1] and not inner.search(one[1])
+    ] == []
+
+
+def test_parameter_error_keeps_the_next_step_of_an_inner_error():
+    inner = ParameterError('rate is wrong; next: set 100 Hz')
+    outer = ParameterError(f'file rejected: {inner}')
     assert str(outer) == 'file rejected: rate is wrong; next: set 100 Hz'
     assert outer.problem == 'file rejected: rate is wrong'
 

@@ -49,18 +49,36 @@ class Sample:
 @pytest.mark.parametrize(
     'values, message',
     [
-        ({'lwo': 0.2}, "no parameter 'group.lwo': did you mean 'group.low'"),
-        ({'low': 1}, 'group.low = 1, expected a double such as 1.0'),
-        ({'low': 'much'}, "group.low = 'much', expected a double"),
-        ({'count': True}, 'group.count = True, expected an integer'),
-        ({'span': 1.0}, 'group.span = 1.0 is not a list'),
-        ({'span': [0.0, math.inf]}, 'group.span = inf is not a finite number'),
+        (
+            {'lwo': 0.2},
+            "no parameter 'group.lwo': did you mean 'group.low'.; next: correct or remove it",
+        ),
+        ({'low': 1}, 'group.low = 1, expected a double such as 1.0; next: write 1.0'),
+        (
+            {'low': 'much'},
+            "group.low = 'much', expected a double such as 1.0; next: set a double",
+        ),
+        (
+            {'count': True},
+            'group.count = True, expected an integer; next: set an integer',
+        ),
+        ({'span': 1.0}, r'group.span = 1.0 is not a list; next: write \[1.0\]'),
+        (
+            {'span': [0.0, math.inf]},
+            'group.span = inf is not a finite number; next: set a number',
+        ),
         (
             {'span': [0.0, 1.0, 2.0]},
-            'group.span has 3 elements, expected 2: first, last',
+            'group.span has 3 elements, expected 2: first, last; next: write these 2',
         ),
-        ({'low': -0.5}, 'group.low = -0.5 m is below its minimum 0 m'),
-        ({'high': 1.5}, 'group.high = 1.5 m is above its maximum 1 m'),
+        (
+            {'low': -0.5},
+            'group.low = -0.5 m is below its minimum 0 m; next: set at least 0 m',
+        ),
+        (
+            {'high': 1.5},
+            'group.high = 1.5 m is above its maximum 1 m; next: set at most 1 m',
+        ),
         ({'low': 0.95}, 'group.low = 0.95 m is not below high'),
     ],
 )

@@ -200,5 +200,9 @@ def not_finite(values: Pose | Carriages) -> ParameterError:
     """Return the error that names the first of `values` that is not a finite number."""
     for name, value in zip(values._fields, values, strict=True):
         if not math.isfinite(value):
-            return ParameterError(f'{name} = {value} is not a finite number')
-    return ParameterError(f'{tuple(values)} is beyond any machine')
+            return ParameterError(
+                f'{name} = {value} is not a finite number; next: send a number'
+            )
+    return ParameterError(
+        f'{tuple(values)} is beyond any machine; next: send metres and radians'
+    )

@@ -132,7 +132,8 @@ def check_characteristic_length(length: float) -> None:
     """
     if not (math.isfinite(length) and length > 0.0):
         raise ParameterError(
-            f'characteristic_length = {length} m is not a positive length'
+            f'characteristic_length = {length} m is not a positive length; '
+            'next: set a length above 0 m'
         )
 
 

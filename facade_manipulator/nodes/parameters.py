@@ -177,7 +177,7 @@ def reject_unknown_parameters(
             continue
         message = (
             f"{' and '.join(own)} has no parameter '{name}'"
-            f'{parameters.nearest(name, known)}'
+            f'{parameters.nearest(name, known)}; next: correct or remove it'
         )
         if target in own or not section or group in groups:
             raise ParameterError(message)

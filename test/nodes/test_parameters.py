@@ -118,7 +118,7 @@ def test_shipped_parameter_file_starts_every_node(ros, name):
         (
             'driver',
             'limits.speed:=-1.0',
-            'limits.speed = -1 m/s is below its minimum 0.001 m/s; next: correct this value\n',
+            'limits.speed = -1 m/s is below its minimum 0.001 m/s; next: set at least 0.001 m/s\n',
         ),
         ('driver', 'controller.rate:=300', 'controller.rate = 300 Hz'),
         (
