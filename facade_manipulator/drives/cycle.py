@@ -168,6 +168,8 @@ class CycleClock:
         self._open(time, stamp)
 
     def _count_sync(self, time: float) -> None:
+        if self._received:  # an earlier time comes from a system clock that was set
+            time = max(time, self._received[-1])
         self._received.append(time)
         while self._received[0] <= time - SURPLUS_WINDOW:
             self._received.popleft()

@@ -77,6 +77,10 @@ class Answers:
         #: age of the newest answer [cycles]
         self.cycles_old = 0
 
+    def excuse(self) -> None:
+        """Count the missing answers in a row from 0 again."""
+        self.missed_in_a_row = 0
+
     def receive(self, name: str, time: float, sync_time: float) -> None:
         """Record a TPDO with its time [s] and the time of the last SYNC [s]."""
         self.silent.discard(name)
@@ -209,12 +213,11 @@ class AxisMonitor:
 
     def excuse_silence(self, now: float) -> None:
         """
-        Excuse the silence before a time [s], and missing answers until the next answer.
+        Excuse silence and missing answers before a time [s].
 
         The frames were not read, or were dropped from a full queue.
         """
         self._supervised_since = now
-        self._may_miss = True
 
     def expect(self, nmt_state: str) -> None:
         """Expect an NMT state that this master commands."""
@@ -401,9 +404,11 @@ class AxisMonitor:
 
         A drive in an NMT state other than operational answers no SYNC.
         """
-        if now >= self._supervised_since and not self.answers.missed_in_a_row:
+        if not self.answers.missed_in_a_row:
             self._may_miss = False
         may_miss = self._may_miss or self._commanded != 'OPERATIONAL'
+        if now < self._supervised_since and not may_miss:
+            self.answers.excuse()
         has_heartbeat = self._heartbeat_age(now) <= self._settings.heartbeat_timeout
         if self.is_lost or (may_miss and has_heartbeat):
             return None
