@@ -186,6 +186,16 @@ def test_late_kernel_syncs_are_not_foreign(delays):
         assert receive_syncs(clock, [sent]) == []
 
 
+@pytest.mark.parametrize('step', [0.004, 0.05, 0.3, 0.9, 5.0])
+def test_sync_of_the_kernel_before_a_clock_step_is_ours(step):
+    clock = started(has_kernel_sync=True)
+    before = [number * T for number in range(1, 150)]
+    assert receive_syncs(clock, before) == []
+    assert receive_syncs(clock, [150 * T - step]) == []  # it was read after the step
+    for number in range(151, 300):
+        assert receive_syncs(clock, [number * T]) == []
+
+
 def test_foreign_sync_that_ended_is_forgotten_after_a_second():
     clock = started(has_kernel_sync=True)
     kernel = [number * T for number in range(1, 400)]

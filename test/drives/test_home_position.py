@@ -11,6 +11,7 @@ from facade_manipulator.simulation.drives.drive import SimulatedDrive
 pytestmark = pytest.mark.long
 
 BOOT_TIME = 0.3  # s, in which a restarting drive sends no frame
+SHORT_PAUSE = 0.09  # s, which excuses silence and stops nothing
 SAVE = int.from_bytes(b'save', 'little')
 
 
@@ -124,3 +125,20 @@ def test_own_nmt_stop_keeps_the_home_position(rig):
     assert rig.drives[0].objects.nmt.state == 'STOPPED'
     assert not rig.snapshot.unhomed
     rig.request('clear_faults', 'activate')
+
+
+@situations
+@pytest.mark.parametrize('has_kernel_sync', [False, True])
+def test_drive_that_falls_silent_in_a_pause_is_named(
+    make_rig, situation, has_kernel_sync
+):
+    rig = make_rig(has_kernel_sync=has_kernel_sync)
+    SITUATIONS[situation](rig)
+    deliver = rig.deliver
+    answers = {pdo.cob_id(1) for pdo in rig.controller.monitors[0].tpdos}
+    rig.deliver = lambda frames: deliver(
+        [one for one in frames if one[0] not in answers]
+    )
+    rig.stall(SHORT_PAUSE)
+    rig.until(lambda: 'q1 (node 1) did not answer 3 cycles' in rig.all_causes, 0.1)
+    assert rig.snapshot.unhomed == ('q1',)
