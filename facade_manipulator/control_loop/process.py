@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import count
 import math
+import signal
 import socket
 import subprocess
 import sys
@@ -49,6 +50,7 @@ MAX_UNANSWERED_WITHOUT_BUS = {
 # without an answer: a loop that opens an interface reads nothing, and its channel must not fill
 MOST_FEEDS = 100
 MOST_STATES = 200  # that wait: those of two seconds
+HUNG = -signal.SIGALRM  # exit status of a loop that the alarm of the kernel has ended
 FEED_PERIOD = 0.05  # s; halt is answered within 0.1 s
 STOP = 'the drives stop because its heartbeat is missing'
 POWER_OFF = 'the drives that it had configured have confirmed that their power is off'
@@ -259,8 +261,9 @@ class LoopClient:
                 self._handle(*message)
         except ConnectionError:
             status = _end(self._process, 1.0)
+            end = 'has hung' if status == HUNG else 'has ended by itself'
             self._lose(
-                f'the control loop has ended by itself, exit status {status}; '
+                f'the control loop {end}, exit status {status}; '
                 f'{POWER_OFF if status == 0 else STOP}'
             )
 
