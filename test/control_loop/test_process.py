@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
+import signal
 import socket
 import subprocess
 import time
@@ -136,6 +137,16 @@ def test_ended_loop_is_lost_and_rejects_requests(wait, shown):
     for job in (before, ask(peer.node, 'activate')):
         with pytest.raises(DriveError, match='ended by itself.*; next: read the cause'):
             job.result(0.0)
+
+
+def test_loop_ended_by_its_alarm_has_hung():
+    peer = Peer(**{'wait.return_value': -signal.SIGALRM})
+    peer.channel.close()
+    peer.node.feed()
+    cause = peer.node.snapshot().cause
+    assert cause.startswith(
+        'the control loop has hung, exit status -14; the drives stop'
+    )
 
 
 def test_forbidden_power_reaches_the_next_loop():
