@@ -96,7 +96,7 @@ def test_input_error_of_each_reason_has_one_next_step(reason):
     assert str(InputError(reason, f'wrong{NEXT}do this')) == f'wrong{NEXT}do this'
 
 
-def test_each_reason_has_a_specific_next_step_and_a_row():
+def test_each_reason_has_a_next_step_and_row():
     """Reasons that are no literals are states of the driver."""
     own = {'inactive', 'saturated', 'unit', 'mounting', 'exception'}
     assert reasons() - own <= {*INPUT_STEPS}

@@ -163,7 +163,7 @@ def test_every_executable_has_an_entry_point():
 
 
 @pytest.mark.parametrize('number', sorted(errno.errorcode))
-def test_failure_of_a_file_is_a_sentence_with_its_path(number):
+def test_file_failure_is_a_sentence_with_its_path(number):
     sentence = file_sentence(OSError(number, os.strerror(number), '/user/own.yaml'))
     assert re.fullmatch(r'/user/own\.yaml rejected: .+; next: .+', sentence)
     assert 'Errno' not in sentence

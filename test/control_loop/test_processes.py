@@ -93,7 +93,7 @@ def test_loop_that_cannot_end_is_ended_by_the_kernel(start_loop):
     assert client._process.wait(DEADLINE) == -signal.SIGALRM
 
 
-def test_loop_that_hangs_in_a_turn_is_ended_by_the_kernel(start_loop):
+def test_loop_hanging_in_a_turn_is_ended(start_loop):
     client = start_loop(hanging('_require_node'))
     assert client._process.wait(DEADLINE) == -signal.SIGALRM
 

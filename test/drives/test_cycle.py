@@ -113,7 +113,7 @@ def test_answers_after_the_step_do_not_count(late, has_kernel_sync):
 
 
 @pytest.mark.parametrize('end', [0.5, 0.95, 1.4])
-def test_sync_of_the_loop_follows_late_commands_by_a_gap(end):
+def test_loop_sync_follows_late_commands_by_a_gap(end):
     clock = started()
     clock.begin(0.0, 0.0)
     clock.finish(0.1 * T)
@@ -162,7 +162,7 @@ def receive_syncs(clock, times) -> list[str]:
 
 
 @given(st.floats(0.5, 25.0), st.floats(0.0, 1.0), st.floats(0.0, 3.0))
-def test_foreign_sync_of_any_period_is_found_in_a_second(period, phase, start):
+def test_foreign_sync_of_any_period_is_found(period, phase, start):
     clock = started(has_kernel_sync=True)
     kernel = [number * T for number in range(1, 500)]
     foreign = [start + (phase + number * period) * T for number in range(500)]

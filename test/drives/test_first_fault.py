@@ -16,7 +16,7 @@ MOST_CALLS = 1000
 
 
 @pytest.mark.parametrize('name', FAULTS)
-def test_first_fault_of_a_process_loads_nothing_before_the_stop(name):
+def test_first_fault_loads_nothing_before_the_stop(name):
     output = subprocess.run(
         [sys.executable, SCRIPT, name], check=True, capture_output=True, text=True
     ).stdout

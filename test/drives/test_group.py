@@ -343,7 +343,7 @@ def test_fault_during_a_reset_is_the_first_cause(old, cycles):
     assert drives.group.causes == (RESTART,)
 
 
-def test_fault_that_a_reset_does_not_clear_keeps_its_cause():
+def test_fault_that_outlasts_a_reset_keeps_its_cause():
     drives = running()
     fault = Cause('q2: overcurrent', 'look it up', 'q2')
     drives.ask(Group.stop, STOP)

@@ -109,7 +109,7 @@ def test_each_stop_is_counted_and_logged_once(state, is_requested):
     }
 
 
-def test_bus_lost_after_a_stop_is_logged_with_its_error():
+def test_bus_lost_after_a_stop_is_logged():
     counter = StopCounter()
     stop = ControllerSnapshot(ControllerState.STOPPED, 1.0, (), (Cause('first'),))
     counter.count(stop)

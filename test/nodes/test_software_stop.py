@@ -31,7 +31,7 @@ def test_each_supervisor_forbids_power_until_its_fresh_false():
     assert stop.clear(100.0) == {FIRST, SECOND}
 
 
-def test_second_publisher_is_named_with_the_wait_after_a_crash():
+def test_second_publisher_is_named_with_the_crash_wait():
     """The publisher of a killed supervisor stays in the graph for 20 s."""
     stop = SoftwareStop((FIRST,), 0.5, lambda name: f'{name} has 2 publishers')
     stop.receive(FIRST, False, 100.0)

@@ -53,7 +53,7 @@ def test_deceleration_is_found_despite_noise_and_delay(direction, deceleration):
     assert found.least > 0.8 * deceleration
 
 
-def test_overshoot_of_a_weak_servo_is_part_of_its_stop():
+def test_overshoot_of_a_servo_counts_as_its_stop():
     times, positions = stop(0.3, 3.0, 0.01, 0.0)
     back = positions[-1] - 0.007
     returned = np.where(
