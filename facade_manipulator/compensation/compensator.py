@@ -253,8 +253,9 @@ class Compensator:
             beyond = reference.y - self.goal.y
         silence = ''
         if self.correction.is_silent(now):
-            silence = f'the estimator is silent or rejected for more than {SILENCE:g} s'
-        elif self.correction.mode in (CorrectionMode.SILENT, CorrectionMode.SETTLING):
+            cause = self.correction.silence_cause(now)
+            silence = f'no valid estimate for more than {SILENCE:g} s: {cause}'
+        elif self.correction.mode is CorrectionMode.SETTLING:
             silence = self.correction.mode.value
         elif not all(self.correction.known[1:]):
             silence = 'the estimate of y or theta is too uncertain'

@@ -22,6 +22,7 @@ from facade_manipulator.kinematics.planar import (
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate, MIN_INTERVAL
 from facade_manipulator.prediction.predictor import DisturbancePredictor
+from facade_manipulator.rejections import Rejections
 
 SILENCE = 0.5  # s, age of the newest estimate from which the estimator counts as silent
 FADE_AFTER = 1.05  # s, age from which the correction fades out; after 1.1 s learning begins again
@@ -72,7 +73,7 @@ class CorrectionMode(enum.Enum):
     NO_ESTIMATE = 'no valid estimate of the disturbance was received yet'
     SETTLING = 'waiting until the estimates have settled'
     ACTIVE = 'compensating'
-    SILENT = 'the estimator is silent or rejected: the correction has been faded out'
+    SILENT = 'the correction has been faded out without a valid estimate'
 
 
 class Remainder:
@@ -176,6 +177,7 @@ class Correction:
     def __init__(self, settings: CorrectionSettings) -> None:
         self.settings = settings
         self.predictor = DisturbancePredictor()
+        self.rejections = Rejections()  #: of the estimates
         self.enabled = settings.enabled
         self.mode = (
             CorrectionMode.NO_ESTIMATE if settings.enabled else CorrectionMode.DISABLED
@@ -211,6 +213,7 @@ class Correction:
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Learn from a checked estimate, unless it is within 15 ms of the last learnt estimate."""
+        self.rejections.clear()
         self._note_known(estimate)
         elapsed = estimate.stamp - self.predictor.stamp
         if -MIN_INTERVAL < elapsed < MIN_INTERVAL - ROUNDING:
@@ -261,7 +264,7 @@ class Correction:
                 )
             )
             raise ManipulatorError(
-                f'tare rejected: {newest}; next: check the estimator'
+                f'tare rejected: {newest}: {self.silence_cause(now)}'
             )
         nominal = self.predictor.predict(now).position
         self._change(nominal=nominal)
@@ -317,6 +320,12 @@ class Correction:
             )
         )
         return min(max(noise * SMOOTHING, LEAST_SMOOTHING), SMOOTHING)
+
+    def silence_cause(self, now: float) -> str:
+        """Return why no valid estimate is received at a time [s], with the next step."""
+        if rejection := self.rejections.message(now):
+            return f'each estimate is rejected: {rejection}'
+        return 'the estimator is silent; next: check the estimator'
 
     @property
     def _has_estimates(self) -> bool:

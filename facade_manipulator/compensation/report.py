@@ -25,6 +25,7 @@ from facade_manipulator.compensation.following import (
     GoalState,
     PATIENCE,
 )
+from facade_manipulator.errors import joined
 from facade_manipulator.kinematics.planar import millimetres, POSE_AXES
 
 Component = tuple[str, str, str, dict[str, Any]]
@@ -33,6 +34,7 @@ ARRIVAL_TIME = (
     1.0  # s after its path, in which the head reaches a goal if nothing holds it back
 )
 NEWER_GOAL = 'a newer goal was received'
+UNESTIMATED = (CorrectionMode.NO_ESTIMATE, CorrectionMode.SILENT)
 UNCORRECTED = (CorrectionMode.DISABLED, CorrectionMode.NO_ESTIMATE)
 GOAL_LEVELS = {
     GoalState.HELD_BACK: 'warn',
@@ -45,12 +47,16 @@ def correction_outcome(
     compensator: Compensator, now: float, fault: str
 ) -> tuple[str, str]:
     """Return level and message at a time [s]; `fault` is the fault of the inputs."""
-    mode = compensator.correction.mode
+    correction = compensator.correction
+    mode = correction.mode
+    text = mode.value
+    if mode in UNESTIMATED:
+        text = f'{text}: {correction.silence_cause(now)}'
     addition = fault or compensator.held_back.message(now)
     level = 'warn' if addition or mode in UNCORRECTED else 'ok'
     if fault or mode is CorrectionMode.SILENT:
         level = 'error'
-    return level, '; '.join(filter(None, (mode.value, addition)))
+    return level, joined(text, addition)
 
 
 def correction_component(
@@ -131,8 +137,8 @@ def uncorrected_reason(correction: Correction, now: float) -> str:
     """Return why received estimates are not corrected, or soon not; ``''`` if they are."""
     if correction.is_silent(now):
         return (
-            f'the estimator is silent or rejected for more than {SILENCE:g} s, and the correction '
-            f'fades out after {FADE_AFTER:g} s; next: check the estimator'
+            f'no valid estimate for more than {SILENCE:g} s, and the correction fades out after '
+            f'{FADE_AFTER:g} s: {correction.silence_cause(now)}'
         )  # constant: a change is published
     if correction.mode is CorrectionMode.DISABLED and math.isfinite(
         correction.age(now)
@@ -215,7 +221,7 @@ class GoalReport:
             pressing.is_held,
         )
         if not pressing.is_held:
-            reason = '; '.join(filter(None, (reason, pressing.outcome)))
+            reason = joined(reason, pressing.outcome)
         is_late = path_time < -ARRIVAL_TIME
         is_near = (
             progress.time_to_go < self.watch.settings.dwell

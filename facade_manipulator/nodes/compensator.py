@@ -128,9 +128,11 @@ class CompensatorNode(Node):
         self.inputs = PublisherWatch(self, self.diagnostics)
         self._driver = DriverWatch(self, self.inputs, self._choose_goal)
         facade, rail, end_effector = self._frames[1:]
+        for topic in (topics.DISTURBANCE, topics.DISTURBANCE_ODOMETRY):
+            self.inputs.subscribe(
+                topic, self._add_estimate, self._reject_estimate, facade
+            )
         for topic, callback, frame_id in (
-            (topics.DISTURBANCE, self._add_estimate, facade),
-            (topics.DISTURBANCE_ODOMETRY, self._add_estimate, facade),
             (topics.END_EFFECTOR_POSE, self._receive_head, rail),
             (topics.CONTACT_WRENCH, self._receive_wrench, end_effector),
             (topics.LATERAL_OFFSET, self._receive_lateral_offset, end_effector),
@@ -255,6 +257,9 @@ class CompensatorNode(Node):
             variances,
             self._out_of_plane.tilt,
         )
+
+    def _reject_estimate(self, _: object, error: ManipulatorError) -> None:
+        self._compensator.correction.rejections.add(monotonic(), error)
 
     def _receive_head(self, message: PoseStamped) -> None:
         self._compensator.following.add_head(

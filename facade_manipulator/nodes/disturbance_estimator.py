@@ -16,7 +16,7 @@ from sensor_msgs.msg import Imu, Range
 
 from facade_manipulator import topics
 from facade_manipulator.covariance import is_measured
-from facade_manipulator.errors import InputError
+from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.estimation.channel import Channel
 from facade_manipulator.estimation.estimator import DisturbanceEstimator, RailMotion
 from facade_manipulator.estimation.inputs import LARGEST_FORCE, LARGEST_RATE
@@ -31,10 +31,16 @@ from facade_manipulator.nodes.conversions import (
     system_time,
 )
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
-from facade_manipulator.nodes.messages import estimated_pose, Frames, require_measured
+from facade_manipulator.nodes.messages import (
+    estimated_pose,
+    Frames,
+    not_measured,
+    require_measured,
+)
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
+from facade_manipulator.rejections import Rejections
 
 PERIOD = 0.01  # s, between two estimates
 SILENCE = 1.0  # s without a measurement of a sensor, after which it counts as silent
@@ -57,6 +63,9 @@ class DisturbanceEstimatorNode(Node):
             str, tuple[int, int]
         ] = {}  # used and outliers at the previous look
 
+        # of each channel: not ended by a valid measurement, which `sensor_outcome` sees by its age
+        self._rejections = {name: Rejections() for name in self._estimator.channels}
+
         self.diagnostics = Diagnostics(self, self._components)
         self._frames = Frames.of(self.get_namespace())
         self._odometry = self.create_publisher(*topics.DISTURBANCE_ODOMETRY)
@@ -71,7 +80,10 @@ class DisturbanceEstimatorNode(Node):
         ):
             for name in names:
                 self._inputs.subscribe(
-                    topic._replace(name=name), partial(receive, name), frame_id=frame_id
+                    topic._replace(name=name),
+                    partial(receive, name),
+                    partial(self._reject, name),
+                    frame_id,
                 )
         steady_timer(self, PERIOD, self._publish)
 
@@ -113,8 +125,16 @@ class DisturbanceEstimatorNode(Node):
         time = steady_seconds(message.header.stamp)
         pose, _, variances = estimated_pose(message, name)
         for axis, value, variance in zip(Pose._fields, pose, variances, strict=True):
-            if is_measured(variance):
-                self._estimator.add(f'{name}.{axis}', now, time, value, variance)
+            channel = f'{name}.{axis}'
+            if not is_measured(variance):
+                self._rejections[channel].add(now, not_measured(channel, variance))
+                continue
+            self._estimator.add(channel, now, time, value, variance)
+
+    def _reject(self, name: str, _: object, error: ManipulatorError) -> None:
+        for channel in self._estimator.channels:
+            if channel.partition('.')[0] == name:
+                self._rejections[channel].add(monotonic(), error)
 
     def _publish(self) -> None:
         motion = self._motion = self._estimator.advance(monotonic())
@@ -189,7 +209,10 @@ class DisturbanceEstimatorNode(Node):
         seen_used, seen_outliers = self._seen.get(name, (0, 0))
         self._seen[name] = used, outliers
         outcome = sensor_outcome(
-            now - channel.stamp, used - seen_used, outliers - seen_outliers
+            now - channel.stamp,
+            used - seen_used,
+            outliers - seen_outliers,
+            self._rejections[name].message(now),
         )
         return diagnostic_status(
             f'sensor {name}',
@@ -213,12 +236,21 @@ class DisturbanceEstimatorNode(Node):
         )
 
 
-def sensor_outcome(age: float, used: int, outliers: int) -> tuple[str, str]:
-    """Return level and message by the age of the newest measurement [s] and recent counts."""
+def sensor_outcome(
+    age: float, used: int, outliers: int, rejection: str
+) -> tuple[str, str]:
+    """
+    Return level and message of a sensor.
+
+    They depend on the age of the newest valid measurement [s], the counts since the previous
+    look, and the message of the recent rejections, ``''`` for none.
+    """
+    if age >= SILENCE and rejection:
+        return 'warn', f'each measurement is rejected: {rejection}'
     if not math.isfinite(age):
         return 'ok', 'no measurement has been received'
     if age >= SILENCE:
-        return 'warn', 'silent or rejected; next: check the sensor and `rejected: …`'
+        return 'warn', 'silent; next: check the sensor and its topic'
     if outliers > OUTLIER_BOUND * (used + outliers):
         return 'warn', 'most measurements are outliers; next: check mounting and noise'
     return 'ok', 'measuring'

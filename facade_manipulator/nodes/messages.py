@@ -176,11 +176,18 @@ def require_measured(
 ) -> None:
     """Reject a value that its variance marks as not measured, with reason ``'not_measured'``."""
     if not is_measured(variance, largest_deviation):
-        raise InputError(
-            'not_measured',
-            f'{name} rejected: its variance = {variance:g} marks a value that was not '
-            f'measured, expected 0 to {largest_deviation**2:g}; next: check the sensor',
-        )
+        raise not_measured(name, variance, largest_deviation)
+
+
+def not_measured(
+    name: str, variance: float, largest_deviation: float = LARGEST_DEVIATION
+) -> InputError:
+    """Return the rejection of a value that was not measured; the caller raises it."""
+    return InputError(
+        'not_measured',
+        f'{name} rejected: its variance = {variance:g} marks a value that was not '
+        f'measured, expected 0 to {largest_deviation**2:g}; next: check the sensor',
+    )
 
 
 def carriages_from(

@@ -161,7 +161,11 @@ def test_clock_step_keeps_correction_active_without_a_jump(step):
 @pytest.mark.parametrize(
     ('variances', 'reason'),
     [
-        (None, 'the estimator is silent or rejected for more than 0.5 s'),
+        (
+            None,
+            'no valid estimate for more than 0.5 s: the estimator is silent; '
+            'next: check the estimator',
+        ),
         ((0.0, 1e6, 0.0), 'the estimate of y or theta is too uncertain'),
     ],
 )

@@ -2,6 +2,7 @@
 
 from itertools import groupby
 import math
+import re
 
 from compensation.compensated_head import CompensatedHead
 import pytest
@@ -22,7 +23,9 @@ from facade_manipulator.compensation.report import (
     correction_outcome,
     GOAL_PERIOD,
     GoalReport,
+    uncorrected_reason,
 )
+from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose, ZERO_POSE
 
 POSE, WORDS = (
@@ -51,14 +54,32 @@ def compensator():
 )
 def test_level_follows_mode_and_held_back_axes(compensator, mode, level, held):
     compensator.correction.mode = mode
-    assert correction_outcome(compensator, 100.0, '') == (level, mode.value)
+    text, step = mode.value, ''
+    if mode in (CorrectionMode.NO_ESTIMATE, CorrectionMode.SILENT):
+        text, step = f'{text}: the estimator is silent', '; next: check the estimator'
+    assert correction_outcome(compensator, 100.0, '') == (level, text + step)
     compensator.held_back.note(100.0, ZERO_POSE, Pose(0.0, 0.01, 0.0))
     found, message = correction_outcome(compensator, 100.0, '')
-    assert found == held and message.startswith(f'{mode.value}; held back in y ')
+    assert found == held and message.startswith(f'{text}; held back in y ')
     assert correction_outcome(compensator, 100.0, 'a fault') == (
         'error',
-        f'{mode.value}; a fault',
+        f'{text}; a fault{step}',
     )
+
+
+@pytest.mark.parametrize('mode', [CorrectionMode.NO_ESTIMATE, CorrectionMode.SILENT])
+def test_rejected_estimates_are_reported_with_their_cause(compensator, mode):
+    correction = compensator.correction
+    correction.mode = mode
+    correction.rejections.add(99.9, InputError('frame', "frame 'odom'; next: a"))
+    cause = "each estimate is rejected: frame 'odom'; next: a"
+    assert correction_outcome(compensator, 100.0, '')[1] == f'{mode.value}: {cause}'
+    with pytest.raises(ManipulatorError, match=re.escape(cause)):
+        correction.tare(100.0)
+    compensator.add_estimate(100.0, 99.95, ZERO_POSE, (0.0, 0.0, 0.0))
+    assert 'the estimator is silent' in uncorrected_reason(correction, 101.0)
+    correction.rejections.add(101.0, InputError('frame', "frame 'odom'; next: a"))
+    assert uncorrected_reason(correction, 101.0).endswith(cause)
 
 
 def test_correction_values_have_the_unit_of_their_key(compensator):
@@ -261,8 +282,8 @@ def test_goal_of_an_unmeasured_head_is_held_back(machine):
         (
             ZERO_POSE,
             True,
-            'the estimator is silent or rejected for more than 0.5 s, and the correction '
-            'fades out after 1.05 s; next: check the estimator',
+            'no valid estimate for more than 0.5 s, and the correction fades out after '
+            '1.05 s: the estimator is silent; next: check the estimator',
         ),
         (
             Pose(0.02, 0.0, 0.0),

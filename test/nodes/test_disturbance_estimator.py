@@ -100,6 +100,7 @@ def test_bad_measurement_is_counted_with_its_reason(ros):
         timer = sensors.node.create_timer(0.002, spoil)
         ros.until(lambda r=reason: sensors.value('motion', f'rejected: {r}'), reason)
         timer.cancel()
+    sensors.until_status('sensor fix_pose.x', 'each measurement is rejected', 'warn')
 
 
 def test_unknown_axes_of_a_pose_fix_are_ignored(ros):
@@ -118,31 +119,43 @@ def test_unknown_axes_of_a_pose_fix_are_ignored(ros):
     assert (pose.x, pose.theta) == pytest.approx((0.05, 0.02), abs=5e-3)
     assert estimate.pose.covariance[7] > 0.5
     sensors.until_status('motion', 'y is unknown', 'error')
+    sensors.until_status('sensor fix_pose.y', 'that was not measured', 'warn')
 
 
 @pytest.mark.parametrize(
-    'age, used, outliers, level, message',
+    'age, used, outliers, rejection, level, message',
     [
-        (math.inf, 0, 0, 'ok', 'no measurement has been received'),
+        (math.inf, 0, 0, '', 'ok', 'no measurement has been received'),
+        (
+            math.inf,
+            0,
+            0,
+            'frame; next: a',
+            'warn',
+            'each measurement is rejected: frame; next: a',
+        ),
+        (SILENCE, 5, 5, '', 'warn', 'silent; next: check the sensor and its topic'),
         (
             SILENCE,
             5,
             5,
+            'old; next: a',
             'warn',
-            'silent or rejected; next: check the sensor and `rejected: …`',
+            'each measurement is rejected: old; next: a',
         ),
-        (0.9 * SILENCE, 0, 0, 'ok', 'measuring'),
-        (0.0, 5, 5, 'ok', 'measuring'),
+        (0.9 * SILENCE, 0, 0, 'old; next: a', 'ok', 'measuring'),
+        (0.0, 5, 5, '', 'ok', 'measuring'),
         (
             0.0,
             4,
             5,
+            '',
             'warn',
             'most measurements are outliers; next: check mounting and noise',
         ),
     ],
 )
 def test_sensor_outcome_depends_on_age_and_outliers(
-    age, used, outliers, level, message
+    age, used, outliers, rejection, level, message
 ):
-    assert sensor_outcome(age, used, outliers) == (level, message)
+    assert sensor_outcome(age, used, outliers, rejection) == (level, message)

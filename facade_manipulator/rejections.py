@@ -1,0 +1,41 @@
+"""Rejections of an input, which distinguish rejected messages from a silent sender."""
+
+from __future__ import annotations
+
+import math
+
+from facade_manipulator.errors import ManipulatorError
+
+PAUSE = 2.0  # s without a rejection, after which the sender counts as silent
+
+
+class Rejections:
+    """Series of rejected messages of one input since its newest valid message, by reason."""
+
+    def __init__(self) -> None:
+        # by reason: message of the first, time of the newest rejection [s]
+        self._series: dict[str, tuple[str, float]] = {}
+
+    def add(self, now: float, error: ManipulatorError) -> None:
+        """Add a rejection at a time [s]; a series keeps the message of its first rejection."""
+        reason = getattr(error, 'reason', 'other')
+        message, newest = self._series.get(reason, ('', -math.inf))
+        if now - newest > PAUSE:
+            self._series.pop(reason, None)  # another series, after those that continue
+            message = str(error)
+        self._series[reason] = message, now
+
+    def clear(self) -> None:
+        """End all series, because a message is valid."""
+        self._series.clear()
+
+    def message(self, now: float) -> str:
+        """
+        Return the first message of the oldest series at a time [s], ``''`` while none continues.
+
+        The message does not change while a series continues, so that a report is published once.
+        """
+        for message, newest in self._series.values():
+            if now - newest <= PAUSE:
+                return message
+        return ''
