@@ -216,7 +216,7 @@ class CompensatorNode(Node):
         if self._goal is not None and not self._driver.may_move(self._goal.received):
             self._goal = None
             self._compensator.drop_goal()
-            self._progress.end(str(self._driver.status))
+            self._progress.end(self._driver.end_of_goal)
         if self._waiting is None:
             return
         if self._driver.may_move(self._waiting.received):

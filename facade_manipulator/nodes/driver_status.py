@@ -110,6 +110,13 @@ class DriverWatch:
         status = self.status
         return None if status is None or math.isfinite(status.active_since) else status
 
+    @property
+    def end_of_goal(self) -> str:
+        """Return why a followed goal has ended, with the next step of the operator."""
+        step = self.status.next_step if self.status else ''
+        step = step or 'follow the next step on driver/status'
+        return f'{self.status}; next: {step}, then send a new goal'
+
     def may_move(self, received: float) -> bool:
         """Return whether a goal of a time [s, monotonic] was received after the activation."""
         return self.status is None or received >= self._active_from

@@ -401,7 +401,10 @@ def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, du
     assert not neighbours.corrected
     neighbours.publish_driver('active', since=since)
     neighbours.send_goal()
-    neighbours.until_goal_status('ended: the driver is silent')
+    neighbours.until_goal_status(
+        'ended: the driver is silent; next: check whether the driver still runs, then send a '
+        'new goal'
+    )
     if during:
         neighbours.send_goal()
         neighbours.until_goal_status('rejected: the driver is silent')
