@@ -111,7 +111,7 @@ def full_name(prefix: str, name: str) -> str:
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the hint that follows an unknown name in a message."""
     found = get_close_matches(name, known, 1)
-    return f": did you mean '{found[0]}'?" if found else ''
+    return f", which is similar to '{found[0]}'" if found else ''
 
 
 def _elements(name: str, value: Any, info: ParameterInfo) -> Sequence[Any]:

@@ -51,7 +51,7 @@ class Sample:
     [
         (
             {'lwo': 0.2},
-            "no parameter 'group.lwo': did you mean 'group.low'.; next: correct or remove it",
+            "no parameter 'group.lwo', which is similar to 'group.low'; next: correct",
         ),
         ({'low': 1}, 'group.low = 1, expected a double such as 1.0; next: write 1.0'),
         (
@@ -157,7 +157,7 @@ def test_tool_reads_parameter_files_as_rclpy_does(ros, tmp_path, texts):
         ),
         (
             f'/**/drvier: {{{P}: {{a: 1}}}}',
-            "no node is called 'drvier'.*did you mean 'driver'",
+            "no node is called 'drvier', which is similar to 'driver'; next",
         ),
         ('/**: 1', 'not a parameter file'),
         ('[', 'cannot be read'),

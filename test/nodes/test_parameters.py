@@ -42,7 +42,7 @@ DRIVER = '/**/driver: {ros__parameters: {%s}}'
         (
             DRIVER % 'limits: {sped: 0.3}',
             '',
-            "no parameter 'limits.sped': did you mean 'limits.speed'?",
+            "no parameter 'limits.sped', which is similar to 'limits.speed'; next: ",
         ),
         (
             '/**/ik_service: {ros__parameters: {rate: 1.0}}',
@@ -52,7 +52,8 @@ DRIVER = '/**/driver: {ros__parameters: {%s}}'
         (
             '/**: {ros__parameters: {geometry: {link_lenght: 0.3}}}',
             '',
-            "no parameter 'geometry.link_lenght': did you mean 'geometry.link_length'?",
+            "no parameter 'geometry.link_lenght', which is similar to "
+            "'geometry.link_length'; next: ",
         ),
         ('/**/drivr: {ros__parameters: {rate: 1.0}}', '', "no node is called 'drivr'"),
         ('{}', 'nonsense:=1', "no parameter 'nonsense'"),

@@ -57,7 +57,7 @@ def test_stopping_prints_the_table_of_parameter_files(capsys):
         ('axes: {stop_deceleration: 1.5}', 'beyond the stroke'),
         (
             'limits: {sped: 0.3}',
-            "no parameter 'limits.sped': did you mean 'limits.speed'?",
+            "no parameter 'limits.sped', which is similar to 'limits.speed'; next: ",
         ),
     ],
 )
