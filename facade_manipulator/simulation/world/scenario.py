@@ -166,12 +166,16 @@ def load_scenario(name: str) -> Scenario:
         If the file cannot be read, or has an unknown section or value, or a value of a wrong type.
 
     """
+    names = scenario_names()
+    path = Path(name)
+    if not name.endswith('.yaml'):
+        if name not in names:
+            raise ParameterError(
+                f'scenario {name} rejected: there is no scenario of this name; next: use one of '
+                f'{", ".join(names)}, or the path of a YAML file'
+            )
+        path = config_path(f'scenarios/{name}.yaml')
     try:
-        path = (
-            Path(name)
-            if name.endswith('.yaml')
-            else config_path(f'scenarios/{name}.yaml')
-        )
         content = read_value(path.read_text(encoding='utf-8')) or {}
         made: Scenario = _checked('', content, Scenario())
         return made
@@ -186,7 +190,7 @@ def load_scenario(name: str) -> Scenario:
         reason = file_reason(error) if isinstance(error, OSError) else str(error)
         raise ParameterError(
             f'scenario {name} rejected: {reason}; next: correct the file, or use one of '
-            f'{", ".join(scenario_names())}'
+            f'{", ".join(names)}'
         ) from error
 
 
