@@ -31,7 +31,7 @@ from facade_manipulator.compensation.following import (
     GoalProgress,
     GoalState,
 )
-from facade_manipulator.errors import InputError, ManipulatorError
+from facade_manipulator.errors import InputError, ManipulatorError, NEXT
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.planar import millimetres
 from facade_manipulator.nodes import conversions, messages
@@ -203,11 +203,15 @@ class CompensatorNode(Node):
             return
         self._waiting = None
         idle = self._driver.idle
-        cause = str(idle) if idle else 'it was sent before the drives were activated'
-        kind = idle.state if idle else 'inactive'
-        reason = (
-            f'{cause}; next: send the goal with a new stamp when the drives are active'
-        )
+        kind = 'inactive'
+        reason = 'it was sent before the drives were activated'
+        step = 'send the goal with a new stamp'
+        if idle:
+            kind = idle.state
+            reason = str(idle)
+            before = idle.next_step or 'wait until the drives are active'
+            step = f'{before}, then {step}'
+        reason = f'{reason}{NEXT}{step}'
         self.diagnostics.reject(InputError(kind, reason), 'goal_pose rejected')
         self._progress.reject(goal.stamp, reason)
 

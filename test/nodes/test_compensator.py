@@ -392,7 +392,9 @@ def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, du
     watch = neighbours.tested._driver
     neighbours.publish_driver('inactive', next_step='activate')
     neighbours.send_goal()
-    neighbours.until_goal_status('rejected: the drives are inactive')
+    neighbours.until_goal_status(
+        'rejected: the drives are inactive; next: activate, then send the goal with a new stamp'
+    )
     assert 'goal_pose rejected: the drives are' in neighbours.until_rejected('inactive')
     since = neighbours.now()
     neighbours.publish_driver('active', since=since)
