@@ -53,6 +53,12 @@ def joined(*messages: str) -> str:
         if step and step not in steps:
             steps.append(step)
     problem = '; '.join(texts)
+    # a later step may begin with an earlier one
+    steps = [
+        step
+        for number, step in enumerate(steps)
+        if not any(later.startswith(step) for later in steps[number + 1 :])
+    ]
     return f'{problem}{NEXT}{", then ".join(steps)}' if steps else problem
 
 
@@ -83,6 +89,11 @@ class ManipulatorError(Exception):
     def problem(self) -> str:
         """Return the message without its next step, for a message with another next step."""
         return str(self).partition(NEXT)[0]
+
+    @property
+    def remedy(self) -> str:
+        """Return the next step in the message, ``''`` for a message without one."""
+        return str(self).partition(NEXT)[2]
 
 
 class ParameterError(ManipulatorError, ValueError):

@@ -209,10 +209,9 @@ class Session:
         ) in self.monitors:  # a drive may restart, and its carriage move, unnoticed
             monitor.encoder.distrust()
         if self.is_configured:
-            self.lost = str(error)
-            self.group.stop(
-                Cause(self.lost, Remedy.BUS, configure_again=True), self.now
-            )
+            self.lost = error.problem
+            remedy = error.remedy or Remedy.BUS
+            self.group.stop(Cause(self.lost, remedy, configure_again=True), self.now)
 
 
 # --- requests
@@ -461,10 +460,9 @@ def clear_faults(session: Session) -> Steps[str]:
     except DriveError as error:
         for monitor in session.monitors:  # a drive that differs may have restarted
             monitor.encoder.distrust()
-        group.stop(
-            Cause(str(error), Remedy.CONFIGURE, configure_again=True), session.now
-        )
-        raise DriveError(f'The faults remain: {error}') from error
+        remedy = error.remedy or Remedy.CONFIGURE
+        group.stop(Cause(error.problem, remedy, configure_again=True), session.now)
+        raise DriveError(f'The faults remain: {error.problem}') from error
     while not group.has_stopped:
         yield
     group.reset(session.now)

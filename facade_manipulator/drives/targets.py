@@ -92,11 +92,11 @@ class TargetSupervisor:
         except ManipulatorError as error:
             group.stop(
                 Cause(
-                    f'homing stopped: {error}',
+                    f'homing stopped: {error.problem}',
                     'move the carriages apart by hand, clear the faults, then home',
                 )
                 if is_homing
-                else Cause(f'the measured mechanism: {error}', Remedy.TRACKING),
+                else Cause(f'the measured mechanism: {error.problem}', Remedy.TRACKING),
                 now,
             )
             return

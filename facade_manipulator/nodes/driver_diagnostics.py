@@ -137,7 +137,8 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
         **{name.replace('_', ' '): value for name, value in vars(bus).items()},
     }
     if snapshot.bus_error:
-        return diagnostic_status('bus', 'error', snapshot.bus_error, values)
+        lost = f'{snapshot.bus_error}{NEXT}{snapshot.next_step}'
+        return diagnostic_status('bus', 'error', lost, values)
     if snapshot.state is ControllerState.LOST:
         lost = f'unknown: {snapshot.cause}; next: {snapshot.next_step}'
         return diagnostic_status('bus', 'error', lost, values)
