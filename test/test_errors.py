@@ -177,6 +177,7 @@ def test_attributed_reason_names_its_subject_once(reason, expected):
         (('halted; next: a', 'late; next: b'), 'halted; late; next: a, then b'),
         (('halted', 'late; next: b', 'two'), 'halted; late; two; next: b'),
         (('halted; next: a', 'late; next: a'), 'halted; late; next: a'),
+        (('lost; next: a', 'late; next: a, then b'), 'lost; late; next: a, then b'),
         ((), ''),
     ],
 )

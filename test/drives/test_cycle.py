@@ -187,7 +187,7 @@ def test_late_kernel_syncs_are_not_foreign(delays):
 
 
 @pytest.mark.parametrize('step', [0.004, 0.05, 0.3, 0.9, 5.0])
-def test_sync_of_the_kernel_before_a_clock_step_is_ours(step):
+def test_kernel_sync_before_a_clock_step_is_ours(step):
     clock = started(has_kernel_sync=True)
     before = [number * T for number in range(1, 150)]
     assert receive_syncs(clock, before) == []

@@ -12,9 +12,9 @@ from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller import REQUESTS
 from facade_manipulator.drives.exchange import LONGEST_WAIT
-from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.drives.snapshot import ControllerState, Remedy
 from facade_manipulator.drives.states import Controlword, POWERED_STATES, State
-from facade_manipulator.errors import DriveError, LimitError
+from facade_manipulator.errors import BusError, DriveError, LimitError
 from facade_manipulator.motion.follower import SetpointFollower
 from facade_manipulator.motion.limits import MotionLimits
 
@@ -98,6 +98,33 @@ def test_target_beyond_the_check_stops_and_prevents_activation(make_rig):
     bounds.append(-0.2)
     assert 'is above the limit -0.2 m' in rig.rejection('activate')
     assert rig.state is ControllerState.INACTIVE
+
+
+def lose_the_bus(rig):
+    rig.bus_error = BusError('can0 is bus-off; next: restart it')
+
+
+def spoil_the_mechanism(rig):
+    checks = rig.controller.targets.mechanism
+    near = (HOME[0], HOME[0] + 0.001, HOME[2])
+    rig.controller.targets.mechanism = replace(
+        checks, check_actual=lambda _: checks.check_targets(near)
+    )
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'step'),
+    [
+        (lose_the_bus, 'restart it, then cleanup, configure, home, activate'),
+        (spoil_the_mechanism, f'{Remedy.TRACKING}, then clear_faults, activate'),
+    ],
+)
+def test_stop_for_an_error_has_one_next_step(rig, spoil, step):
+    at_rest(rig)
+    spoil(rig)
+    rig.run(0.1)
+    assert '; next: ' not in rig.snapshot.cause
+    assert rig.snapshot.next_step == step
 
 
 CLOSE = (-0.022, 0.022, 0.0)  # m, where a pose closes too

@@ -13,6 +13,7 @@ from facade_manipulator.canopen import pdo
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.states import Controlword, Mode, Power, State
+from facade_manipulator.errors import NEXT
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.limits import MotionLimits
@@ -86,6 +87,9 @@ class CycleChecks:
         self._read = len(frames)
         self._check_power(snapshot)
         assert not any(cause.remedy == REPORT for cause in snapshot.causes), (
+            snapshot.causes
+        )
+        assert not any(NEXT in cause.message for cause in snapshot.causes), (
             snapshot.causes
         )
         if snapshot.state is ControllerState.ACTIVE:
