@@ -47,6 +47,8 @@ MOVES = 2.0 * HORIZONS  # m or rad, bound of the moves: a speed of 2 m/s or rad/
 LONGEST_GAP = 1.1  # s without estimates, after which learning starts again
 LEARNING_PERIOD = 0.14  # s
 FIRST_INTERVAL = 0.02  # s, assumed mean interval until there are two estimates
+# m² or rad², variance of the first predictions: the gondola may already move at 0.04 m/s or rad/s
+START_SPREAD = (0.04 * DECISION_TIME) ** 2
 MAX_ACCELERATION = np.array(
     (1.0, 0.7, 1.4)
 )  # m/s², m/s², rad/s²: more is compensated in part
@@ -177,9 +179,8 @@ class DisturbancePredictor:
         axes = len(measured)
         self.since, self._next_learning = stamp, stamp + LEARNING_PERIOD
         self._origin = measured
-        self._spread = np.zeros(
-            axes
-        )  # m² or rad², variance of the estimates in the tests
+        # m² or rad², variance of the estimates in the tests of jumps
+        self._spread = np.full(axes, START_SPREAD)
         # The filters are linear: the effect of doubted estimates is stored separately.
         self._bank, self._doubted = FilterBank(axes), FilterBank(axes)
         self._jumps = [JumpDetector(push) for push in STRONGEST_PUSH]
@@ -256,7 +257,8 @@ class DisturbancePredictor:
 
         Return whether the estimator has stepped. Where it has, change the origin by the error, and
         set the error to 0. A large variance of earlier estimates fades: the prediction of an axis
-        that was unknown is still poor, so that a large error is not a jump.
+        that was unknown is still poor, so that a large error is not a jump. After a start the
+        variance of a gondola that already moves fades in the same way.
         """
         self._spread = np.maximum(
             noise, math.exp(-self._interval / DECISION_TIME) * self._spread

@@ -182,7 +182,7 @@ def press_with_prediction_errors(stiffness, ratio, hidden=0.0):
 
 @pytest.mark.parametrize('stiffness', [600.0, 2000.0, 5000.0])
 @pytest.mark.parametrize('ratio', [1.0 / 3.0, 1.0, 2.0, 3.0])
-def test_contact_of_a_third_to_three_times_the_parameter_is_held(stiffness, ratio):
+def test_contact_up_to_three_times_the_parameter_is_held(stiffness, ratio):
     run = press_with_prediction_errors(stiffness, ratio)
     assert run.pressing.mode is PressMode.HOLDING
     assert run.forces.max() < 1.5 * SETTINGS.force

@@ -127,7 +127,7 @@ def test_short_silence_is_bridged_by_the_prediction(settled):
 
 
 @pytest.mark.parametrize(('gap', 'bound'), [(0.6, 4e-3), (0.8, 13e-3), (0.95, 24e-3)])
-def test_gap_up_to_a_second_costs_only_the_error_of_the_prediction(settled, gap, bound):
+def test_gap_below_one_second_costs_only_prediction_error(settled, gap, bound):
     run = deepcopy(settled).go(gap, heard=False)
     assert run.correction.mode is CorrectionMode.ACTIVE
     assert run.correction.is_silent(run.now)
@@ -188,7 +188,7 @@ def test_smoothing_follows_the_noise_of_the_estimates(share, constant):
     assert run.correction._smoothing == pytest.approx(constant, rel=0.1)
 
 
-def test_fading_is_the_motion_by_a_step_of_the_estimator(settled):
+def test_fading_is_the_motion_by_an_estimator_step(settled):
     run, moved_by = deepcopy(settled), np.zeros(3)
     for _ in range(400):
         run.go(PERIOD, lie=[0.03])
