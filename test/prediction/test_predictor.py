@@ -400,6 +400,21 @@ def test_motion_at_the_start_is_not_a_step():
     assert wrong < 0.02 * 12 * 150 * 3
 
 
+@pytest.mark.long
+def test_calm_after_a_storm_is_predicted_without_its_peak():
+    """With the peak of the storm kept for ever, x errs by 0.38 mm."""
+    times = 0.02 * np.arange(7000)
+    strength = np.interp(times, (0.0, 30.0, 40.0), (3.0, 3.0, 0.02))
+    motion = law.gusts(2, 0.02)[:7000] * strength[:, None]
+    noise = NOISE * np.random.default_rng(2).standard_normal(motion.shape)
+    predictor, errors = DisturbancePredictor(), []
+    for number, values in enumerate((motion + noise)[:-6].tolist()):
+        predictor.update(times[number], Pose(*values), VARIANCES)
+        predicted = predictor.predict(times[number] + 0.12).position
+        errors.append(predicted[0] - motion[number + 6, 0])
+    assert np.sqrt(np.mean(np.square(errors[5000:]))) < 0.34 * NOISE
+
+
 @cache
 def wind(rise, share):
     """Return the sway of a gondola at rest when a wind rises from 20 s on within a time [s]."""
