@@ -8,6 +8,7 @@ from canopen import SdoAbortedError
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
+from steps import answer, HAS_STEPS, result_of
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.sdo import SdoAbortError
@@ -258,7 +259,8 @@ def session(axes=DEFAULT_AXES) -> Session:
 )
 def test_units_gearing_and_polarity_match_the_profile(objects, words):
     axis = AxisSettings(pulses_per_revolution=500, velocity_unit='rpm')
-    problems = [*unit_conflicts(lambda *key: objects.get(key), axis)]
+    found = unit_conflicts(lambda *key: answer(objects.get(key)), axis)
+    problems = result_of(found) if HAS_STEPS else [*found]
     assert len(problems) == bool(words) and words in ''.join(problems)
 
 
@@ -289,7 +291,7 @@ class Objects:
     def read_number(self, index, subindex=0):
         if (number := self._numbers[index, subindex]) is None:
             raise SdoAbortError('object does not exist', 0x06020000)
-        return number
+        return answer(number)
 
 
 @pytest.mark.parametrize(
@@ -307,9 +309,10 @@ class Objects:
     ],
 )
 def test_other_identity_is_rejected_with_the_difference(change, message):
-    check_identity(Objects(), AXIS, {})
+    result_of(check_identity(Objects(), AXIS, {}))
+    serials = {0: 'q1', 222: 'q2', 333: 'q3'}
     with pytest.raises(DriveError, match=message):
-        check_identity(Objects(**change), AXIS, {0: 'q1', 222: 'q2', 333: 'q3'})
+        result_of(check_identity(Objects(**change), AXIS, serials))
 
 
 # --- settings

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from steps import answer
 
+from facade_manipulator.canopen.sdo import SdoChannel
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
-from facade_manipulator.drives.configuration import Drive
 from facade_manipulator.drives.profile import load_profile, ProfileObject
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import State, Status
@@ -191,17 +192,16 @@ def test_object_1f80_shows_that_a_drive_starts_itself(rig, startup, is_accepted)
     drive.reboot()
     rig.run(0.1)
     drive.objects.nmt.state = 'OPERATIONAL'
-    read = Drive.read
+    read = SdoChannel.read
     answers = {(2, 0x1F80): startup.to_bytes(4, 'little')}
+
+    def read_changed(self, index, subindex):
+        changed = answers.get((self.node_id, index))
+        return answer(changed) if changed else read(self, index, subindex)
+
     rig.run(0.1)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            Drive,
-            'read',
-            lambda self, index, subindex: (
-                answers.get((self.node_id, index)) or read(self, index, subindex)
-            ),
-        )
+        patch.setattr(SdoChannel, 'read', read_changed)
         message = rig.rejection('configure')
     assert (message is None) is is_accepted
 

@@ -24,13 +24,13 @@ def obey_nothing(rig):
 
 
 def obey_nothing_on_a_bad_bus(rig):
-    def reject_sdo_of_worker(cob_id, data):
-        if cob_id == 0x602 and rig.clock.present is not None:
+    def reject_sdo_requests(cob_id, data):
+        if cob_id == 0x602 and data != RELEASE:  # the last frame has no answer
             raise BusError('can0 is down')
         return send(cob_id, data)
 
     obey_nothing(rig)
-    send, rig.bus.send = rig.bus.send, reject_sdo_of_worker
+    send, rig.bus.send = rig.bus.send, reject_sdo_requests
 
 
 def fall_silent(rig):
