@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 import errno
-from threading import Lock
 import time
 from typing import NamedTuple
 
@@ -99,14 +98,13 @@ def open_bus(settings: BusSettings) -> can.BusABC:
 
 
 class CanBus:
-    """Frames of a python-can bus, which this object closes; any thread may call `send`."""
+    """Frames of a python-can bus, which this object closes; one thread at a time may send."""
 
     has_kernel_sync = False
     sync_note = ''  #: reason why the kernel of a SocketCAN interface does not send SYNC
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
-        self._sending = Lock()
         self._sync_task: can.CyclicSendTaskABC | None = None
         #: counters, and the condition of the controller
         self.statistics = BusStatistics()
@@ -192,8 +190,7 @@ class CanBus:
             time.time() - age, cob_id, is_extended_id=False, data=data
         )
         try:
-            with self._sending:
-                self._bus.send(message)
+            self._bus.send(message)
         except _ERRORS as error:
             raise self._error(error) from error
         self.statistics.sent += 1

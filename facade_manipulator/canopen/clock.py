@@ -1,9 +1,7 @@
-"""Clocks and waiting of the drive controller; a test passes a simulated clock."""
+"""Clocks and sleep of the drive controller; a test passes a simulated clock."""
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, ThreadPoolExecutor
-from threading import Event
 import time
 
 # s, change of the difference of both clocks that counts: less is the time between two readings
@@ -15,23 +13,14 @@ OFFSET_READINGS = (
 
 class Clock:
     """
-    Clocks of this computer, and methods of waiting for threads.
+    Clocks and sleep of this computer.
 
-    The controller reads clocks, waits and starts threads only here, except that the bus waits for
-    frames.
+    The controller reads clocks and sleeps only here, except that the bus waits for frames.
     """
 
     sleep = staticmethod(time.sleep)
     monotonic = staticmethod(time.monotonic)  #: time on the monotonic clock [s]
     time = staticmethod(time.time)  #: time on the system clock [s]
-
-    def wait(self, event: Event, timeout: float) -> bool:
-        """Wait for an event until a timeout [s]; return whether the event has happened."""
-        return event.wait(timeout)
-
-    def workers(self, number: int, name: str) -> Executor:
-        """Return an executor with a number of threads."""
-        return ThreadPoolExecutor(number, thread_name_prefix=name)
 
 
 class SteadyTime:

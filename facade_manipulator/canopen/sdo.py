@@ -1,30 +1,57 @@
 """
-SDO on a `CanBus`: `canopen` implements the protocol, `CanBus` transfers the frames.
+SDO of CiA 301 on a `CanBus`, in steps: a client that never waits by itself.
 
-A worker thread reads and writes objects and waits for the answers. The control thread passes the
-answers to it. An SDO call in the control thread would therefore never receive its answer.
+`SdoChannel.read` and `SdoChannel.write` are generators. Each sends a request and yields until
+`SdoChannel.receive` has the answer, or until the time of the answer is over. The owner of the bus
+passes on the answers. It resumes the generator after each answer, and often enough for the
+time-outs.
+
+References
+----------
+CiA 301: SDO upload, download and abort, expedited and segmented.
+
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from functools import partial
 import math
 from pathlib import Path
 import struct
-from threading import Event
-from typing import Any
+from typing import TypeVar
 
-import canopen
+from canopen import ObjectDictionary, SdoAbortedError
 
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.eds import read_dictionary
-from facade_manipulator.canopen.pdo import SDO_REQUEST, SDO_RESPONSE
+from facade_manipulator.canopen.pdo import SDO_REQUEST
 from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
 
 SDO_FRAME_LENGTH = 8
 ATTEMPTS = 3
+RESPONSE_TIMEOUT = 0.3  # s
 NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
+
+Result = TypeVar('Result')
+#: generator that yields while it must wait, and returns its result
+Steps = Generator[None, None, Result]
+
+# first bytes of the requests of a client
+_UPLOAD_REQUEST = 0x40
+_UPLOAD_SEGMENT_REQUEST = 0x60
+_SEGMENTED_DOWNLOAD_REQUEST = 0x21  # with the size of the object
+_ABORT_REQUEST = 0x80
+# bits of the first byte of a segment
+_TOGGLE = 0x10
+_IS_LAST = 0x01
+_SEGMENT_LENGTH = 7  # bytes of data in a segment
+# abort codes of this client
+_TOGGLE_ERROR = 0x05030000
+_TIMED_OUT = 0x05040000
+_UNKNOWN_COMMAND = 0x05040001
 
 
 def expedited_download(index: int, subindex: int, data: bytes) -> bytes:
@@ -85,114 +112,224 @@ class SdoAbortError(DriveObjectError):
         self.is_absent = code in NO_SUCH_OBJECT
 
 
-class SdoChannel(canopen.sdo.SdoClient):
+class _AttemptError(Exception):
+    """The answer to a request is missing or has another command; the transfer is repeated."""
+
+
+@dataclass
+class _Transfer:
+    """Transfer of one object, with the answer to its present request."""
+
+    index: int
+    subindex: int
+    size: int | None  #: of the object in the EDS [bytes]
+    #: index and subindex of the awaited answer; the answer to a segment has none
+    expected: bytes = b''
+    answer: bytes | None = None
+    short_length: int | None = None  #: of an answer that lacks its value [bytes]
+
+    def __str__(self) -> str:
+        return f'object {self.index:04X}h:{self.subindex:02X}'
+
+    def request(self, first: int, content: int = 0) -> bytes:
+        """Return the first request of a transfer with a number as its content."""
+        return struct.pack('<BHBL', first, self.index, self.subindex, content)
+
+    def receive(self, data: bytes) -> None:
+        """Store only the first answer to a request, because a faulty drive may send many."""
+        answer = complete_answer(data, self.size or 4)
+        if answer is None:
+            if self.expected.startswith(data[1:4]):
+                self.short_length = len(data)
+        elif answer[1:4].startswith(self.expected) and self.answer is None:
+            self.answer = answer
+
+
+class SdoChannel:
     """
     Objects of one drive, with its name for the operator, such as ``'q2'``.
 
-    The EDS is the object dictionary of the drive type, which contains the sizes.
+    The EDS is the object dictionary of the drive type, which contains the sizes. One transfer
+    runs at a time. It may be closed before its end: the next transfer ignores the answers for
+    other objects.
     """
 
     def __init__(
         self, bus: CanBus, node_id: int, name: str, eds: Path | None, clock: Clock
     ) -> None:
-        self._bus, self._clock = bus, clock
-        self._answered, self._asked = Event(), b''
-        self._size = 4  # of the object [bytes]
-        self._short_answer: int | None = None  # length of an answer that is too short
         self.name = name
         self.node_id = node_id
+        self.response_timeout = RESPONSE_TIMEOUT  #: longest time to an answer [s]
         #: time [s] on the monotonic clock after which no request is sent, because segments may
-        # never end
+        #: never end
         self.deadline = math.inf
-        dictionary = (
-            read_dictionary(eds, node_id) if eds else canopen.ObjectDictionary()
-        )
-        super().__init__(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, dictionary)
+        self._bus = bus
+        self._now = clock.monotonic
+        self._dictionary = read_dictionary(eds, node_id) if eds else ObjectDictionary()
+        self._transfer: _Transfer | None = None
 
-    def read(self, index: int, subindex: int) -> bytes:
+    def receive(self, frame: Frame) -> None:
         """
-        Return the bytes of an object after waiting for the answer.
+        Take an answer of the drive.
+
+        Answers for another object are ignored: they are late, or answers to other requests.
+        """
+        if self._transfer is not None:
+            self._transfer.receive(frame.data)
+
+    def read(self, index: int, subindex: int) -> Steps[bytes]:
+        """
+        Return the bytes of an object.
 
         Raises an SdoAbortError if the drive rejects the request, a DriveTimeoutError if it does
         not answer, a BusError if the bus is lost.
         """
-        return self._repeat(index, subindex, lambda: self.upload(index, subindex))
+        transfer = _Transfer(index, subindex, self.size(index, subindex))
+        return (yield from self._repeat(transfer, partial(self._upload, transfer)))
 
-    def read_number(self, index: int, subindex: int = 0, signed: bool = False) -> int:
+    def read_number(
+        self, index: int, subindex: int = 0, signed: bool = False
+    ) -> Steps[int]:
         """Return a number read from an object; raises the errors of `read`."""
-        return int.from_bytes(self.read(index, subindex), 'little', signed=signed)
+        data = yield from self.read(index, subindex)
+        return int.from_bytes(data, 'little', signed=signed)
 
-    def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Write an object and wait for the confirmation; raises the errors of `read`."""
-        self._repeat(index, subindex, lambda: self.download(index, subindex, data))
+    def write(self, index: int, subindex: int, data: bytes) -> Steps[None]:
+        """Write an object until its confirmation; raises the errors of `read`."""
+        transfer = _Transfer(index, subindex, self.size(index, subindex))
+        yield from self._repeat(transfer, partial(self._download, transfer, data))
 
     def size(self, index: int, subindex: int) -> int | None:
         """Return the size of an object [bytes], None if the EDS does not define a size."""
-        variable = self.od.get_variable(index, subindex)
-        return (
-            len(variable) // 8 if variable is not None and variable.fixed_size else None
-        )
+        variable = self._dictionary.get_variable(index, subindex)
+        if variable is None or not variable.fixed_size:
+            return None
+        return len(variable) // 8
 
-    def _repeat(self, index: int, subindex: int, transfer: Callable[[], Any]) -> Any:
+    @property
+    def _title(self) -> str:
+        return f'{self.name} (node {self.node_id})'
+
+    def _repeat(
+        self, transfer: _Transfer, attempt: Callable[[], Steps[Result]]
+    ) -> Steps[Result]:
         """Retry a transfer after a lost or foreign answer; an abort counts as an answer."""
-        drive = f'{self.name} (node {self.node_id})'
-        self._size = self.size(index, subindex) or 4
-        self._short_answer = None
-        target = self._target = f'object {index:04X}h:{subindex:02X}'
+        self._transfer = transfer
         for _ in range(ATTEMPTS):
             try:
-                return transfer()
-            except canopen.SdoAbortedError as error:
-                meaning = error.CODES.get(error.code, 'no further reason')
-                raise SdoAbortError(
-                    f'{drive} rejects {target}: {meaning[:1].lower()}{meaning[1:]} (abort '
-                    f'{error.code >> 16:04X} {error.code & 0xFFFF:04X}h)',
-                    error.code,
-                ) from error
-            except canopen.SdoCommunicationError:
+                return (yield from attempt())
+            except _AttemptError:
                 continue
-        if self._short_answer is not None:
+        if transfer.short_length is not None:
             raise DriveTimeoutError(
-                f'{drive} answers for {target} with {self._short_answer} bytes, which is too '
-                'short for the value; next: ask its maker for another firmware'
+                f'{self._title} answers for {transfer} with {transfer.short_length} bytes, which '
+                'is too short for the value; next: ask its maker for another firmware'
             )
         raise DriveTimeoutError(
-            f'{drive} does not answer for {target} within {ATTEMPTS} × '
-            f'{self.RESPONSE_TIMEOUT:g} s: check its power, its node id and the bit rate'
+            f'{self._title} does not answer for {transfer} within {ATTEMPTS} × '
+            f'{self.response_timeout:g} s: check its power, its node id and the bit rate'
         )
 
-    def send_request(self, request: bytes) -> None:
-        """Send a request of a transfer, unless its time is over."""
-        if self._clock.monotonic() > self.deadline:
-            raise DriveTimeoutError(
-                f'{self.name} (node {self.node_id}) was still busy with {self._target} when the '
-                'time for this request was over: it answers too slowly, or without an end'
+    # --- transfers
+
+    def _upload(self, transfer: _Transfer) -> Steps[bytes]:
+        """Return the bytes of an object, of the size in the EDS at most."""
+        answer = yield from self._ask(
+            transfer, transfer.request(_UPLOAD_REQUEST), _UPLOAD
+        )
+        first = answer[0]
+        size: int | None = None  # without a size in the answer
+        if first & _EXPEDITED:
+            if first & _HAS_SIZE:
+                size = 4 - (first >> 2 & 3)
+            data = answer[4:] if size is None else answer[4 : 4 + size]
+        else:
+            if first & _HAS_SIZE:
+                size = int.from_bytes(answer[4:], 'little')
+            data = yield from self._upload_segments(transfer)
+        # some drives send four bytes of a smaller object
+        if transfer.size is not None and (size is None or transfer.size < size):
+            return data[: transfer.size]
+        return data
+
+    def _upload_segments(self, transfer: _Transfer) -> Steps[bytes]:
+        data = b''
+        toggle = 0
+        while True:
+            request = bytes([_UPLOAD_SEGMENT_REQUEST | toggle])
+            answer = yield from self._ask(transfer, request, _UPLOADED_SEGMENT)
+            first = answer[0]
+            if first & _TOGGLE != toggle:
+                raise self._abort(transfer, _TOGGLE_ERROR)
+            unused = first >> 1 & 7
+            data += answer[1 : SDO_FRAME_LENGTH - unused]
+            if first & _IS_LAST:
+                return data
+            toggle ^= _TOGGLE
+
+    def _download(self, transfer: _Transfer, data: bytes) -> Steps[None]:
+        if 1 <= len(data) <= 4:
+            request = expedited_download(transfer.index, transfer.subindex, data)
+            yield from self._ask(transfer, request, _DOWNLOAD)
+            return
+        request = transfer.request(_SEGMENTED_DOWNLOAD_REQUEST, len(data))
+        yield from self._ask(transfer, request, _DOWNLOAD)
+
+        toggle = 0
+        for begin in range(0, max(len(data), 1), _SEGMENT_LENGTH):
+            segment = data[begin : begin + _SEGMENT_LENGTH]
+            first = toggle | (_SEGMENT_LENGTH - len(segment)) << 1
+            if begin + _SEGMENT_LENGTH >= len(data):
+                first |= _IS_LAST
+            # the toggle bit of the confirmation is not required: the value is read back
+            yield from self._ask(
+                transfer, bytes([first]) + segment, _DOWNLOADED_SEGMENT
             )
-        is_first = request[0] & 0xE0 in (
-            0x20,
-            0x40,
-        )  # of a transfer: its answer has the object
-        self._asked = bytes(request[1:4]) if is_first else b''
-        self._answered.clear()
-        self._bus.send(self.rx_cobid, bytes(request))
+            toggle ^= _TOGGLE
 
-    def read_response(self) -> bytes:
-        """Return the answer to a request; raises the errors of the library's method."""
-        if not self._clock.wait(self._answered, self.RESPONSE_TIMEOUT):
-            raise canopen.SdoCommunicationError('no answer was received')
-        return super().read_response()
+    # --- requests of a transfer
 
-    def receive(self, frame: Frame) -> None:
-        """
-        Store only the first answer to a request, because a faulty drive may send many.
+    def _ask(self, transfer: _Transfer, request: bytes, specifier: int) -> Steps[bytes]:
+        """Send a request; return its answer of eight bytes, which has a command specifier."""
+        begins = specifier in (_UPLOAD, _DOWNLOAD)
+        transfer.expected = request[1:4] if begins else b''
+        transfer.answer = None
+        self._send(transfer, request)
+        end = self._now() + self.response_timeout
+        while transfer.answer is None:
+            if self._now() >= end:
+                raise self._abort(transfer, _TIMED_OUT)
+            yield
 
-        Answers for another object belong to requests of the control thread, which calls this
-        method.
-        """
-        answer = complete_answer(frame.data, self._size)
-        if answer is None:
-            if self._asked.startswith(frame.data[1:4]):
-                self._short_answer = len(frame.data)
-        elif answer[1:4].startswith(self._asked) and not self._answered.is_set():
-            self.responses.put(answer)
-            self._answered.set()
+        answer = transfer.answer
+        found = answer[0] >> 5
+        if found == _ABORT:
+            raise self._rejection(transfer, int.from_bytes(answer[4:], 'little'))
+        if found != specifier:
+            raise self._abort(transfer, _UNKNOWN_COMMAND)
+        return answer
+
+    def _send(self, transfer: _Transfer, request: bytes) -> None:
+        """Send a request of a transfer, unless its time is over."""
+        if self._now() > self.deadline:
+            raise DriveTimeoutError(
+                f'{self._title} was still busy with {transfer} when the time for this request was '
+                'over: it answers too slowly, or without an end'
+            )
+        self._bus.send(
+            SDO_REQUEST + self.node_id, request.ljust(SDO_FRAME_LENGTH, b'\0')
+        )
+
+    def _abort(self, transfer: _Transfer, code: int) -> _AttemptError:
+        """Abort a transfer with a code; return the error of this attempt."""
+        self._send(transfer, struct.pack('<B3xL', _ABORT_REQUEST, code))
+        return _AttemptError(f'abort {code:08X}h')
+
+    def _rejection(self, transfer: _Transfer, code: int) -> SdoAbortError:
+        """Return the error for the abort code of a drive."""
+        meaning = SdoAbortedError.CODES.get(code, 'no further reason')
+        return SdoAbortError(
+            f'{self._title} rejects {transfer}: {meaning[:1].lower()}{meaning[1:]} (abort '
+            f'{code >> 16:04X} {code & 0xFFFF:04X}h)',
+            code,
+        )

@@ -3,7 +3,8 @@ Configuration of a drive: objects are written, read back, and its identity is ch
 
 A rejected write counts only if the value read back differs, because the object may be constant
 and correct. A mismatch rejects the drive, and the message names all objects that differ.
-An optional object that the drive does not have is skipped.
+An optional object that the drive does not have is skipped. The functions that use objects are
+generators, which yield while they wait for the drive.
 
 References
 ----------
@@ -14,16 +15,15 @@ IEC 61800-7-201 (CiA 402-2): the objects 6xxxh.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.canopen.bus import CanBus
+from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.pdo import Write
-from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
+from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel, Steps
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.monitor import AxisMonitor, REST_SPEED
@@ -39,7 +39,7 @@ from facade_manipulator.errors import (
 
 DEVICE_TYPE = 402
 IS_OPERATIONAL = 'is operational'  # use of a drive by another master, or by itself
-Read = Callable[[int, int], 'int | None']
+Read = Callable[[int, int], Steps['int | None']]
 
 
 # masks of the bits that are not reserved, by index; a drive may set the others
@@ -92,7 +92,7 @@ def drive_writes(
 # --- objects, written and read back
 
 
-def apply(drive: SdoChannel, writes: list[Write]) -> list[str]:
+def apply(drive: SdoChannel, writes: list[Write]) -> Steps[list[str]]:
     """
     Write objects and read each back; return notes of missing optional objects.
 
@@ -102,10 +102,11 @@ def apply(drive: SdoChannel, writes: list[Write]) -> list[str]:
     rejections: dict[str, str] = {}
     for write in writes:
         try:
-            drive.write(write.index, write.subindex, _encoded(drive, write))
+            data = yield from _encoded(drive, write)
+            yield from drive.write(write.index, write.subindex, data)
         except DriveObjectError as error:
             rejections.setdefault(str(write), str(error))
-    found = check(drive, writes)
+    found = yield from check(drive, writes)
     if found.problems:
         raise DriveObjectError(
             '; '.join(
@@ -133,7 +134,7 @@ class Comparison(NamedTuple):
         return [name for name in self.problems if name not in self.unreadable]
 
 
-def check(drive: SdoChannel, writes: list[Write]) -> Comparison:
+def check(drive: SdoChannel, writes: list[Write]) -> Steps[Comparison]:
     """
     Compare the objects of a drive with their configured values.
 
@@ -145,7 +146,8 @@ def check(drive: SdoChannel, writes: list[Write]) -> Comparison:
             continue
         name = str(write)
         try:
-            if difference := _difference(drive, write):
+            difference = yield from _difference(drive, write)
+            if difference:
                 found.problems[name] = difference
         except DriveObjectError as error:
             is_absent = isinstance(error, SdoAbortError) and error.is_absent
@@ -158,13 +160,11 @@ def check(drive: SdoChannel, writes: list[Write]) -> Comparison:
     return found
 
 
-def _encoded(drive: SdoChannel, write: Write) -> bytes:
+def _encoded(drive: SdoChannel, write: Write) -> Steps[bytes]:
     # the size is that of the map or the EDS, else that of the answer of the drive
-    size = (
-        write.size
-        or drive.size(write.index, write.subindex)
-        or len(drive.read(write.index, write.subindex))
-    )
+    size = write.size or drive.size(write.index, write.subindex)
+    if not size:
+        size = len((yield from drive.read(write.index, write.subindex)))
     value = write.value % (1 << 8 * size)
     if value != write.value and value - (1 << 8 * size) != write.value:
         raise DriveObjectError(
@@ -174,14 +174,13 @@ def _encoded(drive: SdoChannel, write: Write) -> bytes:
     return value.to_bytes(size, 'little')
 
 
-def _difference(drive: SdoChannel, write: Write) -> str:
+def _difference(drive: SdoChannel, write: Write) -> Steps[str]:
     """Return how an object differs from its configured value, ``''`` if equal."""
-    data = _encoded(drive, write)
+    data = yield from _encoded(drive, write)
     mask = write.compared & ((1 << 8 * len(data)) - 1)
     expected = int.from_bytes(data, 'little')
-    found = int.from_bytes(
-        drive.read(write.index, write.subindex)[: len(data)], 'little'
-    )
+    answer = yield from drive.read(write.index, write.subindex)
+    found = int.from_bytes(answer[: len(data)], 'little')
     if not (found ^ expected) & mask:
         return ''
     return (
@@ -192,20 +191,20 @@ def _difference(drive: SdoChannel, write: Write) -> str:
 
 def read_optional(
     drive: SdoChannel, index: int, subindex: int, **sign: bool
-) -> int | None:
+) -> Steps[int | None]:
     """Return the number in an object, None if the drive lacks the object."""
     try:
-        return drive.read_number(index, subindex, **sign)
+        return (yield from drive.read_number(index, subindex, **sign))
     except SdoAbortError as error:
         if not error.is_absent:
             raise
     return None
 
 
-def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> bool:
+def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> Steps[bool]:
     """Return whether a drive with its present objects stops when this master is silent."""
-    watched = read_optional(drive, *profile.heartbeat_consumer) or 0
-    reaction = read_optional(drive, profile.lost_master_reaction, 0)
+    watched = (yield from read_optional(drive, *profile.heartbeat_consumer)) or 0
+    reaction = yield from read_optional(drive, profile.lost_master_reaction, 0)
     node, timeout = _watched_master(watched)
     return bool(node == pdo.MASTER_NODE_ID and timeout and reaction)
 
@@ -218,13 +217,14 @@ def _watched_master(value: int) -> tuple[int, int]:
 # --- units and identity
 
 
-def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
+def unit_conflicts(read: Read, axis: AxisSettings) -> Steps[list[str]]:
     """
-    Yield units, gearing and polarity of a drive that differ from its profile, with a remedy.
+    Return units, gearing and polarity of a drive that differ from its profile, with a remedy.
 
     `read` returns the number in an object of the drive, None if the drive lacks the object. An
     object that is absent or 0 states no unit.
     """
+    conflicts = []
     ramp = axis.acceleration_unit or axis.velocity_unit
     for index, expected, used, name in (
         (0x60A8, COUNTS, _UNIT_BITS, 'positions in counts'),
@@ -242,43 +242,50 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Iterator[str]:
         ),
         (0x607E, 0, 0xFF, "no polarity: the axis's direction has the sign"),
     ):
-        if (found := read(index, 0)) and (found ^ expected) & used:
-            yield (
+        found = yield from read(index, 0)
+        if found and (found ^ expected) & used:
+            conflicts.append(
                 f'object {index:04X}h:00 = {found:X}h, expected {expected:X}h ({name}): set it '
                 'in the drive or among the objects of its profile, or correct the unit there'
             )
-    counts = _counts_per_revolution(read)
+    counts = yield from _counts_per_revolution(read)
     if counts is not None and abs(counts - axis.counts_per_revolution) > 0.5:
         # Nanotec's drives have a feed of 1; Novanta's accept 6092h without using it
-        yield (
+        conflicts.append(
             f'the gearing 608Fh, 6091h, 6092h makes {counts:.10g} counts per revolution of the '
             f'motor, expected {axis.counts_per_revolution}: correct it in the drive (6092h:01 '
             f'= {axis.counts_per_revolution}, for a gear of 1), or correct '
             'axes.pulses_per_revolution'
         )
+    return conflicts
 
 
-def _counts_per_revolution(read: Read) -> float | None:
+def _counts_per_revolution(read: Read) -> Steps[float | None]:
     """Return feed, or else encoder resolution, divided by gear ratio; None if both are missing."""
-
-    def ratio(index: int) -> float | None:
-        over = read(index, 1)
-        under = read(index, 2) if over else None
-        return over / under if over and under else None
-
-    feed, resolution = ratio(0x6092), ratio(0x608F)
-    if resolution == 1.0 and feed in (
-        None,
-        1.0,
-    ):  # Elmo's Gold drives have counts of the encoder
+    feed = yield from _ratio(read, 0x6092)
+    resolution = yield from _ratio(read, 0x608F)
+    # Elmo's Gold drives have counts of the encoder
+    if resolution == 1.0 and feed in (None, 1.0):
         return None
     feed = feed or resolution
-    return feed and feed / (ratio(0x6091) or 1.0)
+    if not feed:
+        return None
+    gear = yield from _ratio(read, 0x6091)
+    return feed / (gear or 1.0)
+
+
+def _ratio(read: Read, index: int) -> Steps[float | None]:
+    """Return the ratio of the subindices 1 and 2, None if one is absent or 0."""
+    over = yield from read(index, 1)
+    if not over:
+        return None
+    under = yield from read(index, 2)
+    return over / under if under else None
 
 
 def check_identity(
     drive: SdoChannel, axis: AxisSettings, serials: dict[int, str]
-) -> int | None:
+) -> Steps[int | None]:
     """
     Require the configured identity of a drive; return its serial number, None if it has none.
 
@@ -286,22 +293,20 @@ def check_identity(
     distinguishes swapped axes from a replaced drive. Raises a DriveObjectError that names the
     difference.
     """
-    where, kind = (
-        f'{drive.name} (node {drive.node_id})',
-        drive.read_number(0x1000) & 0xFFFF,
-    )
+    where = f'{drive.name} (node {drive.node_id})'
+    device_type = yield from drive.read_number(0x1000)
+    kind = device_type & 0xFFFF
     if kind != DEVICE_TYPE:
         raise DriveObjectError(
             f'{where}: device type {kind} is not {DEVICE_TYPE}: this is not a drive'
         )
-    numbers = {
-        name: read_optional(drive, 0x1018, subindex)
-        for subindex, name in (
-            (1, 'vendor_id'),
-            (2, 'product_code'),
-            (4, 'serial_number'),
-        )
-    }
+    numbers: dict[str, int | None] = {}
+    for subindex, name in (
+        (1, 'vendor_id'),
+        (2, 'product_code'),
+        (4, 'serial_number'),
+    ):
+        numbers[name] = yield from read_optional(drive, 0x1018, subindex)
     for name, actual in numbers.items():
         configured = getattr(axis, name)
         if not configured or actual == configured:
@@ -322,14 +327,48 @@ def check_identity(
 # --- one drive in use
 
 
-class Drive(SdoChannel):
+class DriveSteps:
+    """Steps of one drive, with their result or error after the end."""
+
+    def __init__(self, steps: Steps[Any]) -> None:
+        self.is_done = False
+        self.error: Exception | None = None
+        self._steps = steps
+        self._result: Any = None
+
+    def resume(self) -> None:
+        """Resume the steps until they wait again or end; never raise."""
+        try:
+            next(self._steps)
+        except StopIteration as end:
+            self._result = end.value
+            self.is_done = True
+        except (
+            Exception
+        ) as error:  # the request raises it, with those of the other drives
+            self.error = error
+            self.is_done = True
+
+    def result(self) -> Any:
+        """Return the result of the steps, or raise their error."""
+        if self.error is not None:
+            raise self.error
+        return self._result
+
+    def close(self) -> None:
+        """End the steps where they wait."""
+        self._steps.close()
+
+
+class Drive:
     """
     Identity, configuration and power of one drive, by SDO.
 
-    The control thread receives the answers, so it must not wait for them: each method runs in the
-    worker thread of its drive. It raises a DriveError that names the drive and its failure, or a
-    BusError if the bus is lost. The total time of its SDO answers is limited, so that a slow drive
-    fails like a silent one.
+    `identify`, `configure`, `prove`, `use` and `switch_off` are generators. They raise a
+    DriveError that names the drive and its failure, or a BusError if the bus is lost. `begin`
+    starts one of them. Each answer of the drive resumes it at once, because a drive has more
+    than a hundred objects. The request resumes it in each cycle, for its time-outs. The total
+    time of its SDO answers is limited, so that a slow drive fails like a silent one.
     """
 
     def __init__(
@@ -340,28 +379,62 @@ class Drive(SdoChannel):
         clock: Clock,
         serials: dict[int, str],
     ) -> None:
-        super().__init__(
-            bus, monitor.axis.node_id, monitor.name, monitor.profile.eds, clock
-        )
-        self.monitor, self._settings, self._serials = monitor, settings, serials
-        self._writes = drive_writes(monitor.profile, monitor.axis, settings)
+        axis = monitor.axis
+        profile = monitor.profile
+        self.monitor = monitor
+        self.objects = SdoChannel(bus, axis.node_id, monitor.name, profile.eds, clock)
         self.produces_sync = False  #: whether the drive was found to send SYNC itself
         self.sync_period = 0.0  #: period of the SYNC that the drive sends [s]
         self.guard_time = 0.0  #: period in which a master may guard the drive [s]
+        self._settings = settings
+        self._serials = serials
+        self._writes = drive_writes(profile, axis, settings)
+        self._steps: DriveSteps | None = None
 
-    def identify(self) -> None:
+    # --- steps in progress
+
+    def begin(self, steps: Steps[Any], deadline: float) -> DriveSteps:
+        """Begin steps that send no request after a time [s]; return them."""
+        self.objects.deadline = deadline
+        self._steps = DriveSteps(steps)
+        self._steps.resume()
+        return self._steps
+
+    def receive(self, frame: Frame) -> None:
+        """Receive an answer of the drive, and resume the steps that wait for it."""
+        self.objects.receive(frame)
+        self.resume()
+
+    def resume(self) -> None:
+        """Resume the steps in progress, if any."""
+        if self._steps is not None and not self._steps.is_done:
+            self._steps.resume()
+
+    def end(self) -> None:
+        """End the steps in progress, if any."""
+        if self._steps is not None:
+            self._steps.close()
+        self._steps = None
+
+    # --- identity, configuration, power
+
+    def identify(self) -> Steps[None]:
         """Check the identity, and store the serial number."""
-        self.monitor.serial_number = check_identity(
-            self, self.monitor.axis, self._serials
+        self.monitor.serial_number = yield from check_identity(
+            self.objects, self.monitor.axis, self._serials
         )
 
-    def configure(self) -> list[str]:
+    def configure(self) -> Steps[list[str]]:
         """Write and prove all objects; return notes of skipped objects and missing checks."""
         monitor = self.monitor
-        notes = [*self._end_sync(), *apply(self, self._writes)]
-        if problems := self._unit_conflicts():
+        notes = yield from self._end_sync()
+        notes += yield from apply(self.objects, self._writes)
+        problems = yield from self._unit_conflicts()
+        if problems:
             raise DriveObjectError('; '.join(problems))
-        monitor.stops_without_master = stops_without_master(self, monitor.profile)
+        monitor.stops_without_master = yield from stops_without_master(
+            self.objects, monitor.profile
+        )
         if monitor.serial_number and not monitor.axis.serial_number:
             notes.append(
                 f'{monitor.title} accepts any drive: set its serial_number, now '
@@ -369,95 +442,104 @@ class Drive(SdoChannel):
             )
         return notes
 
-    def _find_sync(self) -> int:
+    def _read_optional(self, index: int, subindex: int) -> Steps[int | None]:
+        return read_optional(self.objects, index, subindex)
+
+    def _find_sync(self) -> Steps[int]:
         """Return the COB-ID of SYNC (1005h), and record whether the drive sends SYNC."""
-        cob_id = read_optional(self, pdo.SYNC_OBJECT, 0) or 0
+        cob_id = (yield from self._read_optional(pdo.SYNC_OBJECT, 0)) or 0
         if cob_id & pdo.SYNC_PRODUCER:
             self.produces_sync = True
-            period = read_optional(self, pdo.SYNC_PERIOD_OBJECT, 0) or 0
-            self.sync_period = 1e-6 * period
+            period = yield from self._read_optional(pdo.SYNC_PERIOD_OBJECT, 0)
+            self.sync_period = 1e-6 * (period or 0)
         return cob_id
 
-    def _end_sync(self) -> Iterator[str]:
-        """End the SYNC that the drive sends; yield a note for the operator."""
-        cob_id = self._find_sync()
+    def _end_sync(self) -> Steps[list[str]]:
+        """End the SYNC that the drive sends; return notes for the operator."""
+        cob_id = yield from self._find_sync()
         if not cob_id & pdo.SYNC_PRODUCER:
-            return
+            return []
+        silenced = cob_id & ~pdo.SYNC_PRODUCER
         found = f'{self.monitor.title} sends SYNC itself (1005h = {cob_id:X}h)'
-        remedy = f'store 1005h = {cob_id & ~pdo.SYNC_PRODUCER:X}h in the drive'
+        remedy = f'store 1005h = {silenced:X}h in the drive'
         try:
-            written = (cob_id & ~pdo.SYNC_PRODUCER).to_bytes(4, 'little')
-            self.write(pdo.SYNC_OBJECT, 0, written)
+            yield from self.objects.write(
+                pdo.SYNC_OBJECT, 0, silenced.to_bytes(4, 'little')
+            )
         except DriveObjectError as error:
             raise DriveObjectError(f'{found}: {error}; next: {remedy}') from error
-        if (read_optional(self, pdo.SYNC_OBJECT, 0) or 0) & pdo.SYNC_PRODUCER:
+        present = yield from self._read_optional(pdo.SYNC_OBJECT, 0)
+        if (present or 0) & pdo.SYNC_PRODUCER:
             raise DriveObjectError(f'{found} and keeps this setting; next: {remedy}')
-        yield f'{found} until configure ends it, after each reset; next: {remedy}'
+        return [f'{found} until configure ends it, after each reset; next: {remedy}']
 
-    def _unit_conflicts(self) -> list[str]:
-        return [
-            f'{self.monitor.title}: {problem}'
-            for problem in unit_conflicts(
-                partial(read_optional, self), self.monitor.axis
-            )
-        ]
+    def _unit_conflicts(self) -> Steps[list[str]]:
+        conflicts = yield from unit_conflicts(self._read_optional, self.monitor.axis)
+        return [f'{self.monitor.title}: {problem}' for problem in conflicts]
 
-    def prove(self) -> None:
+    def prove(self) -> Steps[None]:
         """Check identity, units and objects, and change nothing."""
-        self.identify()
-        different = check(self, self._writes).problems
-        if problems := self._unit_conflicts() + [*different.values()]:
+        yield from self.identify()
+        compared = yield from check(self.objects, self._writes)
+        problems = yield from self._unit_conflicts()
+        problems += compared.problems.values()
+        if problems:
             raise DriveObjectError('; '.join(problems))
 
-    def use(self) -> str:
+    def use(self) -> Steps[str]:
         """
         Return a use of the drive that this driver has not commanded, ``''`` for none.
 
         Another master may send seldom or never, but the state of the drive shows it. A drive that
         this driver has left behind watches its heartbeat (1016h), misses it, and has stopped.
         """
-        monitor, state = self.monitor, self._state()
+        monitor = self.monitor
+        state = yield from self._state()
         if state is None:
             return ''  # the drive is absent, or its reset shows the problem
-        self._find_sync()
-        self.guard_time = 1e-3 * (read_optional(self, pdo.GUARD_TIME_OBJECT, 0) or 0)
-        velocity = monitor.axis.si_per_unit.velocity * (
-            read_optional(self, pdo.VELOCITY, 0, signed=True) or 0
-        )
+        yield from self._find_sync()
+        guard_time = yield from self._read_optional(pdo.GUARD_TIME_OBJECT, 0)
+        self.guard_time = 1e-3 * (guard_time or 0)
+
+        speed = yield from read_optional(self.objects, pdo.VELOCITY, 0, signed=True)
+        velocity = monitor.axis.si_per_unit.velocity * (speed or 0)
         if abs(velocity) > REST_SPEED:
             return f'{monitor.title} moves at {velocity:.3g} m/s'
-        watched = read_optional(self, *monitor.profile.heartbeat_consumer) or 0
-        node, timeout = _watched_master(watched)
+
+        watched = yield from self._read_optional(*monitor.profile.heartbeat_consumer)
+        node, timeout = _watched_master(watched or 0)
         misses_us = (
             node == pdo.MASTER_NODE_ID
             and 0 < timeout <= 1e3 * self._settings.heartbeat_timeout
         )
-        if state in POWERED_STATES and not (
-            misses_us and state is State.QUICK_STOP_ACTIVE
-        ):
+        has_stopped = misses_us and state is State.QUICK_STOP_ACTIVE
+        if state in POWERED_STATES and not has_stopped:
             return f'{monitor.title} has power ({state.value})'
-        is_operational = monitor.nmt_state == 'OPERATIONAL'
-        if is_operational and not misses_us and not self._starts_itself():
-            return f'{monitor.title} {IS_OPERATIONAL}'
+        if monitor.nmt_state == 'OPERATIONAL' and not misses_us:
+            starts_itself = yield from self._starts_itself()
+            if not starts_itself:
+                return f'{monitor.title} {IS_OPERATIONAL}'
         return ''
 
-    def _starts_itself(self) -> bool:
+    def _starts_itself(self) -> Steps[bool]:
         """Return whether the drive becomes operational without a command after its boot-up."""
-        startup = read_optional(self, pdo.NMT_STARTUP_OBJECT, 0)
+        startup = yield from self._read_optional(pdo.NMT_STARTUP_OBJECT, 0)
         is_stored = startup is not None and not startup & pdo.WAITS_FOR_START
         return self.monitor.profile.quirks.starts_itself or is_stored
 
-    def switch_off(self) -> State | None:
+    def switch_off(self) -> Steps[State | None]:
         """Switch the drive off; return its state, None without an answer."""
         with suppress(
             DriveError, BusError
         ):  # a drive that does not answer is asked once more
-            self.write(pdo.CONTROLWORD, 0, bytes(2))  # disable voltage
-        return self._state()
+            # disable voltage
+            yield from self.objects.write(pdo.CONTROLWORD, 0, bytes(2))
+        return (yield from self._state())
 
-    def _state(self) -> State | None:
+    def _state(self) -> Steps[State | None]:
         """Return the state of the drive, None without a timely answer or a valid state."""
         try:
-            return decode_state(self.read_number(pdo.STATUSWORD))
+            word = yield from self.objects.read_number(pdo.STATUSWORD)
         except (DriveError, BusError):
             return None
+        return decode_state(word)

@@ -3,7 +3,7 @@ Drive controller: it owns the bus, and runs the requests of an operator.
 
 One thread uses it: it waits for frames until the step of a cycle is due, and then does the step.
 A request, one of `REQUESTS`, begins at once; its reply is a message for the operator, or an error
-with one. SDO transfers run in worker threads.
+with one.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ class CyclicExchange:
         self.group = group
         self.has_started = False  #: whether the cycle has started
         serials = {one.axis.serial_number: one.name for one in monitors}
-        #: the objects of the drives; worker threads use them and receive the answers from here
+        #: the drives with their objects; each answer resumes the steps of its drive
         self.drives = tuple(
             Drive(bus, one, settings, clock, serials) for one in monitors
         )

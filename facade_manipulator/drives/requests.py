@@ -14,17 +14,17 @@ not configured when no request is left.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Iterable
+from collections.abc import Callable, Collection, Iterable
 from contextlib import suppress
 from dataclasses import replace
 import gc
 from itertools import chain
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from facade_manipulator.canopen import emergency, pdo
 from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.canopen.sdo import expedited_download
+from facade_manipulator.canopen.sdo import expedited_download, Result, Steps
 from facade_manipulator.drives import realtime
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
 from facade_manipulator.drives.configuration import Drive, drive_writes, IS_OPERATIONAL
@@ -54,8 +54,6 @@ STOP_AND_CUT = 2  # steps: a drive that still moves is stopped before it loses i
 LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
 LONGEST_LISTENING = 5.0  # s, for a guarding or a SYNC of a drive with a long period
 SLOWEST = 20  # cycles in which each TPDO is sent once at 200 Hz; step_timeout covers faster rates
-Result = TypeVar('Result')
-Steps = Generator[None, None, Result]
 
 
 # --- the drives and their bus
@@ -108,10 +106,6 @@ class Session:
             drive_writes(profile, axis, settings)
         self.mechanism = mechanism
         self.clock = clock or Clock()
-        # one thread for each drive: its transfers never overlap, and no drive waits for another
-        self.workers = {
-            name: self.clock.workers(1, f'objects of {name}') for name in AXIS_NAMES
-        }
         self._open_bus = open_bus
         self.forbidden, self.is_closed = '', False
         self.unconfirmed = ''
@@ -479,9 +473,9 @@ def self_test(session: Session) -> Steps[dict[str, str]]:
     if session.group.state.has_power:
         raise DriveStateError('self_test is not possible while the drives have power')
 
-    def problem(drive: Drive) -> tuple[str, str]:
+    def problem(drive: Drive) -> Steps[tuple[str, str]]:
         try:
-            drive.prove()
+            yield from drive.prove()
         except DriveError as error:
             return drive.monitor.name, str(error)
         return drive.monitor.name, ''
@@ -611,23 +605,30 @@ def _wait(
 
 
 def _each(
-    session: Session, work: Callable[[Drive], Result], timeout: float | None = None
+    session: Session,
+    work: Callable[[Drive], Steps[Result]],
+    timeout: float | None = None,
 ) -> Steps[list[Result]]:
     """
-    Run work in the worker thread of each drive, in parallel; return the results.
+    Do the steps of each drive, all drives at the same time; return the results.
 
     Raises a DriveError that names the failures of all drives.
     """
     drives = session.exchange.drives if session.exchange else ()
-    for drive in drives:
-        drive.deadline = session.now + (timeout or TURN_TIMEOUT)
-    jobs = [session.workers[drive.name].submit(work, drive) for drive in drives]
-    while not all(job.done() for job in jobs):
-        yield
-    errors = [error for job in jobs if isinstance(error := job.exception(), DriveError)]
+    deadline = session.now + (timeout or TURN_TIMEOUT)
+    try:
+        running = [drive.begin(work(drive), deadline) for drive in drives]
+        while not all(one.is_done for one in running):
+            yield
+            for drive in drives:
+                drive.resume()
+    finally:  # a cancelled request sends nothing more
+        for drive in drives:
+            drive.end()
+    errors = [one.error for one in running if isinstance(one.error, DriveError)]
     if len(errors) > 1:
         raise DriveError('; '.join(map(str, errors))) from errors[0]
-    return [job.result() for job in jobs]  # raises the only error
+    return [one.result() for one in running]  # raises the only error
 
 
 class Request(NamedTuple):

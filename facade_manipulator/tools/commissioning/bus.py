@@ -6,7 +6,6 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from threading import Event
 
 from canopen.lss import (
     CS_FAST_SCAN,
@@ -21,7 +20,13 @@ from canopen.lss import (
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.canopen.sdo import complete_answer, SDO_FRAME_LENGTH, SdoChannel
+from facade_manipulator.canopen.sdo import (
+    complete_answer,
+    Result,
+    SDO_FRAME_LENGTH,
+    SdoChannel,
+    Steps,
+)
 from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
 
 NODE_IDS = range(1, pdo.MASTER_NODE_ID)
@@ -49,19 +54,49 @@ _SYNC_REMEDY = (
 )
 
 
-class ToolBus(Clock):
-    """Bus of a running command, and clock of its SDO channels."""
+class ToolBus:
+    """Bus of a running command, which receives frames while the command waits."""
 
     def __init__(self, frames: CanBus, clock: Clock) -> None:
         self.monotonic = clock.monotonic
         self.frames = frames
+        self._clock = clock
         #: receivers of answers by COB-ID
         self.receivers: dict[int, Callable[[Frame], None]] = {}
         self._received: list[Frame] = []
 
-    def wait(self, event: Event, timeout: float) -> bool:
-        """Receive frames until an event, at most for a timeout [s]; return whether it happened."""
-        return self.wait_for(event.is_set, timeout)
+    def run(self, steps: Steps[Result]) -> Result:
+        """Run the steps of a drive while receiving frames; return their result."""
+        while True:
+            try:
+                next(steps)
+            except StopIteration as end:
+                return end.value
+            self._receive_waiting()
+
+    def _receive_waiting(self) -> None:
+        """
+        Wait for a frame, and receive the frames that have arrived by then.
+
+        If this process was interrupted, answers wait that arrived before their time-out.
+        """
+        frame = self._receive(_LOOK_PERIOD)
+        now = self.monotonic()
+        while frame is not None and frame.time < now:
+            frame = self._receive(0.0)
+
+    def _receive(self, timeout: float) -> Frame | None:
+        """Receive a frame within a timeout [s], and pass it on."""
+        frame = self.frames.receive(timeout)
+        if frame is not None:
+            self._received.append(frame)
+            if frame.cob_id in self.receivers:
+                self.receivers[frame.cob_id](frame)
+        return frame
+
+    def wait(self, seconds: float) -> None:
+        """Receive frames for a time [s]."""
+        self.wait_for(lambda: False, seconds)
 
     def wait_for(self, condition: Callable[[], object], timeout: float) -> bool:
         """
@@ -73,18 +108,14 @@ class ToolBus(Clock):
         end = self.monotonic() + timeout
         while not condition():
             left = end - self.monotonic()
-            frame = self.frames.receive(min(max(left, 0.0), _LOOK_PERIOD))
-            if frame is not None:
-                self._received.append(frame)
-                if frame.cob_id in self.receivers:
-                    self.receivers[frame.cob_id](frame)
+            frame = self._receive(min(max(left, 0.0), _LOOK_PERIOD))
             if left <= 0.0 and (frame is None or frame.time > end):
                 break
         return bool(condition())
 
     def require_alone(self) -> None:
         """Raise a DriveStateError if frames of another master are received."""
-        self.wait(Event(), _LISTENING_TIME)
+        self.wait(_LISTENING_TIME)
         masters = pdo.frames_of_masters(NODE_IDS)
         if heard := [
             masters[one.cob_id][0] for one in self._received if one.cob_id in masters
@@ -99,8 +130,8 @@ class ToolBus(Clock):
         self._received.clear()
         for node_id in node_ids:
             self.frames.send(pdo.SDO_REQUEST + node_id, _ASK_SERIAL_NUMBER)
-            self.wait(Event(), _PACE)
-        self.wait(Event(), _ANSWER)
+            self.wait(_PACE)
+        self.wait(_ANSWER)
         found: dict[int, list[int]] = defaultdict(list)
         for frame in self._received:
             node_id = frame.cob_id - pdo.SDO_RESPONSE
@@ -115,13 +146,14 @@ class ToolBus(Clock):
     def number(self, node_id: int, index: int, subindex: int = 0) -> int | None:
         """Return the number in an object, None without a numeric answer."""
         with suppress(DriveError):
-            return self.objects(node_id, f'node {node_id}').read_number(index, subindex)
+            objects = self.objects(node_id, f'node {node_id}')
+            return self.run(objects.read_number(index, subindex))
         return None
 
     def objects(self, node_id: int, name: str, eds: Path | None = None) -> SdoChannel:
         """Return the objects of a node; `name` is the drive's name for the operator."""
-        objects = SdoChannel(self.frames, node_id, name, eds, clock=self)
-        self.receivers[objects.tx_cobid] = objects.receive
+        objects = SdoChannel(self.frames, node_id, name, eds, self._clock)
+        self.receivers[pdo.SDO_RESPONSE + node_id] = objects.receive
         return objects
 
     def reset(self, node_id: int, boot_time: float = 0.0) -> None:
@@ -167,7 +199,7 @@ class LssTransport:
         command = data[0]
         is_scan = command == CS_FAST_SCAN
         is_first_scan = is_scan and self._slowest is None
-        self._bus.wait(Event(), _PACE)
+        self._bus.wait(_PACE)
         self._master.responses.queue.clear()
         self._expected = _ANSWERS.get(command, command)
         self._asked_at = self._bus.monotonic()
@@ -197,7 +229,7 @@ class LssTransport:
         if is_first_scan:
             longest = max(longest, 2.0 * self._timeout)
         end = self._sent_at + longest
-        self._bus.wait(Event(), max(0.0, end - self._bus.monotonic()))
+        self._bus.wait(max(0.0, end - self._bus.monotonic()))
 
     def _receive(self, frame: Frame) -> None:
         if not frame.data or frame.data[0] != self._expected:

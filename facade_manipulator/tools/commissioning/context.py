@@ -203,7 +203,7 @@ class Context:
                     'commission assign'
                 )
             drive = bus.objects(node_id, name, eds)
-            state = decode_state(drive.read_number(STATUSWORD))
+            state = decode_state(bus.run(drive.read_number(STATUSWORD)))
             if state is None or state in POWERED_STATES:
                 shown = state.value if state else 'an unknown statusword'
                 raise CommissioningError(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from threading import Event
 
 import numpy as np
 
@@ -39,10 +38,14 @@ def run_direction(context: Context) -> None:
         f'{context.overlay.path} gets its direction.'
     )
     with context.drive(name) as (bus, drive):
-        start = drive.read_number(POSITION, signed=True)
+
+        def position() -> int:
+            return bus.run(drive.read_number(POSITION, signed=True))
+
+        start = position()
 
         def pushed() -> int:
-            return drive.read_number(POSITION, signed=True) - start
+            return position() - start
 
         print(
             f'Push the carriage of {name} to the right (towards +q) by a centimetre '
@@ -54,7 +57,7 @@ def run_direction(context: Context) -> None:
                 f'{_PATIENCE:g} s; next: check this carriage and its encoder'
             )
         first = pushed()
-        bus.wait(Event(), 0.5)
+        bus.wait(0.5)
         counts = pushed()
     print(f'{name} counted {counts:+d}.')
     if counts * math.copysign(1, first) < needed:

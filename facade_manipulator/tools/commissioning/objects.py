@@ -11,7 +11,6 @@ CiA 402-2: supported drive modes 6502h.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from typing import Any
@@ -21,7 +20,7 @@ from canopen.objectdictionary import datatypes, ODVariable
 
 from facade_manipulator.canopen.eds import read_dictionary, variables
 from facade_manipulator.canopen.pdo import Write
-from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
+from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel, Steps
 from facade_manipulator.drives import configuration
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
 from facade_manipulator.drives.profile import load_profile
@@ -66,7 +65,7 @@ def run_profile(context: Context) -> None:
         profile = load_profile(axis.profile)
         writes = configuration.drive_writes(profile, axis, context.controller)
         with context.drive(name, profile.eds) as (bus, drive):
-            compared = configuration.check(drive, writes)
+            compared = bus.run(configuration.check(drive, writes))
             print(
                 f'{name}: configure will change {len(compared.changed)} objects: '
                 + (', '.join(compared.changed) or 'none')
@@ -77,7 +76,8 @@ def run_profile(context: Context) -> None:
                     + ', '.join(sorted(compared.unreadable))
                 )
             context.state = _NOT_STORED.format(name)
-            found = [f'{name}: {one}' for one in differences(drive, axis, writes)]
+            different = bus.run(differences(drive, axis, writes))
+            found = [f'{name}: {one}' for one in different]
             bus.reset(axis.node_id, profile.quirks.boot_time)
             context.state = ''
         problems += found
@@ -89,26 +89,29 @@ def run_profile(context: Context) -> None:
 
 def differences(
     drive: SdoChannel, axis: AxisSettings, writes: list[Write]
-) -> Iterator[str]:
-    """Yield every difference of a drive from its profile; raises a DriveTimeoutError."""
-    profile, read = (
-        load_profile(axis.profile),
-        partial(configuration.read_optional, drive),
-    )
+) -> Steps[list[str]]:
+    """Return every difference of a drive from its profile; raises a DriveTimeoutError."""
+    profile = load_profile(axis.profile)
+    read = partial(configuration.read_optional, drive)
+    found = []
     for check in (
-        lambda: configuration.check_identity(drive, axis, {}),
-        lambda: configuration.apply(drive, writes),
+        configuration.check_identity(drive, axis, {}),
+        configuration.apply(drive, writes),
     ):
         try:
-            check()
+            yield from check
         except DriveObjectError as error:
-            yield from str(error).split('; ')
-    yield from configuration.unit_conflicts(read, axis)
-    if not configuration.stops_without_master(drive, profile):
-        yield 'it does not stop when this computer is silent (1016h with 6007h)'
-    modes = read(0x6502, 0)
+            found += str(error).split('; ')
+    found += yield from configuration.unit_conflicts(read, axis)
+
+    if not (yield from configuration.stops_without_master(drive, profile)):
+        found.append('it does not stop when this computer is silent (1016h with 6007h)')
+    modes = yield from read(0x6502, 0)
     if modes is not None and not modes & _CYCLIC_POSITION:
-        yield f'it has no cyclic synchronous position (6502h = {modes:X}h, bit 7)'
+        found.append(
+            f'it has no cyclic synchronous position (6502h = {modes:X}h, bit 7)'
+        )
+    return found
 
 
 def run_backup(context: Context) -> None:
@@ -116,10 +119,10 @@ def run_backup(context: Context) -> None:
     name = context.options.axis
     eds = context.options.eds or load_profile(context.axes[name].profile).eds
     path = context.options.file or context.overlay.path.with_name(f'machine.{name}.dcf')
-    with context.drive(name) as (_, drive):
+    with context.drive(name) as (bus, drive):
         dictionary = read_dictionary(eds, drive.node_id)
         objects = variables(dictionary)
-        values = read_values(drive, objects)
+        values = bus.run(read_values(drive, objects))
     for key, value in values.items():
         objects[key].value = value
         objects[key].value_raw = str(value)  # type: ignore[attr-defined]  # for export
@@ -130,7 +133,7 @@ def run_backup(context: Context) -> None:
     context.record(f'backup {name}', {})
 
 
-def read_values(drive: SdoChannel, objects: Objects) -> dict[Key, Any]:
+def read_values(drive: SdoChannel, objects: Objects) -> Steps[dict[Key, Any]]:
     """Return identity and settings of a drive; sizes of numbers may differ from the EDS."""
     values = {}
     for key, variable in objects.items():
@@ -139,7 +142,7 @@ def read_values(drive: SdoChannel, objects: Objects) -> dict[Key, Any]:
             with suppress(
                 SdoAbortError, ObjectDictionaryError
             ):  # absent, or of another type
-                data = drive.read(*key)
+                data = yield from drive.read(*key)
                 is_signed = variable.data_type in datatypes.SIGNED_TYPES
                 values[key] = (
                     int.from_bytes(data, 'little', signed=is_signed)
@@ -155,7 +158,7 @@ def run_restore(context: Context) -> None:
     profile = load_profile(context.axes[name].profile)
     objects = variables(read_dictionary(path))
     with context.drive(name) as (bus, drive):
-        present = read_values(drive, objects)
+        present = bus.run(read_values(drive, objects))
         if any(
             objects[key].value != present.get(key) for key in TYPE if key in objects
         ):
@@ -184,15 +187,16 @@ def run_restore(context: Context) -> None:
             'No carriage moves.'
         )
         context.state = _NOT_STORED.format(name)
-        configuration.apply(drive, writes)
+        bus.run(configuration.apply(drive, writes))
         context.state = (
             f'The values stored in {name} are unknown; next: switch its power off '
             f'and on, then commission restore {name} {path}'
         )
-        drive.RESPONSE_TIMEOUT = _STORING_TIME
-        drive.write(0x1010, 1, b'save')
+        drive.response_timeout = _STORING_TIME
+        bus.run(drive.write(0x1010, 1, b'save'))
         bus.reset(drive.node_id, profile.quirks.boot_time)
-        if lost := configuration.check(drive, writes).problems:
+        compared = bus.run(configuration.check(drive, writes))
+        if lost := compared.problems:
             raise CommissioningError(
                 f'{name} has not stored these values: ' + '; '.join(lost.values())
             )

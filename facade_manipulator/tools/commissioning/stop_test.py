@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import math
-from threading import Event
 from typing import NamedTuple
 
 import numpy as np
@@ -180,7 +179,7 @@ def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
                 )  # the last command before the SYNC counts
     else:
         exchange.bus.stop_sync()  # as the kernel does when the process ends
-        controller.clock.wait(Event(), SILENCE)
+        controller.clock.sleep(SILENCE)
         if exchange.bus.has_kernel_sync:
             exchange.bus.start_sync(motion.period)
     return motion.turn()
