@@ -167,7 +167,7 @@ def test_configure_sends_nothing_beside_another_master(rig, name):
     job = rig.ask('configure')
     for _ in range(1000):
         rig.forge(*FRAMES[name])
-        rig.run(0.001)  # the workers of the drives run only while the bus is quiet
+        rig.run(0.001)
         if job.done():
             break
     with pytest.raises(BusError, match='another master uses this bus') as caught:

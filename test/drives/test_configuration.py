@@ -8,7 +8,7 @@ from canopen import SdoAbortedError
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-from steps import answer, HAS_STEPS, result_of
+from steps import answer, result_of
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.sdo import SdoAbortError
@@ -260,7 +260,7 @@ def session(axes=DEFAULT_AXES) -> Session:
 def test_units_gearing_and_polarity_match_the_profile(objects, words):
     axis = AxisSettings(pulses_per_revolution=500, velocity_unit='rpm')
     found = unit_conflicts(lambda *key: answer(objects.get(key)), axis)
-    problems = result_of(found) if HAS_STEPS else [*found]
+    problems = result_of(found)
     assert len(problems) == bool(words) and words in ''.join(problems)
 
 

@@ -114,6 +114,44 @@ def test_self_test_names_the_drive_with_a_changed_object(rig):
     assert problems == {'q1': '', 'q3': ''}
 
 
+def is_sdo_request(frame):
+    """Return whether a frame is an SDO request to a drive."""
+    return frame.cob_id - pdo.SDO_REQUEST in (1, 2, 3)
+
+
+def test_self_test_reads_several_objects_in_each_cycle(rig):
+    configured(rig)
+    rig.frames()
+    begin = rig.clock.now
+    rig.request('self_test')
+    cycles = (rig.clock.now - begin) / rig.settings.period
+    requests = [one for one in rig.frames() if is_sdo_request(one)]
+    assert len(requests) > 20 * cycles
+
+
+def test_self_test_asks_all_drives_at_the_same_time(rig):
+    configured(rig)
+    rig.frames()
+    rig.request('self_test')
+    first = [one.cob_id for one in rig.frames() if is_sdo_request(one)][:3]
+    assert sorted(first) == [0x601, 0x602, 0x603]
+
+
+def test_late_answer_after_a_cancelled_self_test_is_ignored(rig):
+    configured(rig)
+    rig.drives[1].is_silent = True
+    job = rig.ask('self_test')
+    close = rig.ask('close')
+    assert 'cancelled by close' in str(job.exception())
+    rig.frames()
+    rig.deliver([(0x582, bytes.fromhex('4300100092010200'))])  # 1000h
+    rig.until(close.done)
+    identity = (0x1018).to_bytes(2, 'little')  # follows 1000h
+    assert not any(
+        is_sdo_request(one) and one.data[1:3] == identity for one in rig.frames()
+    )
+
+
 def test_changed_object_prevents_clear_faults(rig):
     configured(rig)
     rig.controller.stop('enough')

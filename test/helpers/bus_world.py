@@ -96,11 +96,10 @@ class Rig(BusWorld):
         self, condition: Callable[[], object], seconds: float = 5.0, hint: str = ''
     ) -> object:
         """Run until a condition holds, and return its value; fail with a hint after a time [s]."""
-        end = self.clock.limit = self.clock.now + seconds
+        end = self.clock.now + seconds
         while not (value := condition()):
             assert self.clock.now < end, (hint, self.state, self.snapshot.causes)
             self._turn()
-        self.clock.limit = math.inf
         return value
 
     def _turn(self) -> None:
@@ -197,8 +196,6 @@ class Rig(BusWorld):
     def close(self) -> None:
         """End the run, and answer every request."""
         self.rejection('close')
-        while self.clock.jobs:
-            self.clock.pass_time(math.inf)
         assert all(job.done() for _, job in self.jobs)
 
     # --- what a test looks at

@@ -1,17 +1,14 @@
 """
 Bus that is a list of frames, with drives and other nodes, in simulated time.
 
-Time passes while the master waits. Its worker sends SDO requests in a thread that runs only then,
-until the worker itself waits. One thread runs at a time, always in the same order.
+Time passes while the master waits.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future
 import math
-from threading import Event, Semaphore, Thread
 
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.bus import CanBus, Frame
@@ -164,74 +161,12 @@ class FakeBus(CanBus):
         self._world.bus = None
 
 
-class Job(Thread):
-    """Job of the driver's worker, which runs after `resume` until it waits or ends."""
-
-    def __init__(self, clock: FakeClock, work: Callable[[], object], may_begin) -> None:
-        super().__init__(daemon=True)
-        self.future: Future[object] = Future()
-        self._clock, self._work, self._gate = clock, work, Semaphore(0)
-        self.condition, self.deadline = may_begin, math.inf
-        self.start()
-
-    def run(self) -> None:
-        self._gate.acquire()
-        try:
-            self.future.set_result(self._work())
-        except BaseException as error:
-            self.future.set_exception(error)
-        self._clock.jobs.remove(self)
-        self._clock.gate.release()
-
-    def resume(self) -> None:
-        """Run the job, from the thread of the test, until it waits or ends."""
-        self._clock.present = self
-        self._gate.release()
-        self._clock.gate.acquire()
-        self._clock.present = None
-
-    def pause(self, condition: Callable[[], object], deadline: float) -> None:
-        """Pause the job until a condition holds, or the deadline has passed."""
-        self.condition, self.deadline = condition, deadline
-        self._clock.gate.release()
-        self._gate.acquire()
-
-
-class Worker(Executor):
-    """Worker that does one job after another."""
-
-    def __init__(self, clock: FakeClock) -> None:
-        self._clock = clock
-        self._last: Future[object] | None = None
-
-    def submit(self, function, /, *arguments) -> Future:
-        earlier = self._last
-        job = Job(
-            self._clock,
-            lambda: function(*arguments),
-            lambda: earlier is None or earlier.done(),
-        )
-        self._clock.jobs.append(job)
-        self._last = job.future
-        return job.future
-
-    def shutdown(self, wait: bool = True, **_: object) -> None:
-        if wait and self._last is not None:
-            self._clock.wait_for(self._last.done, math.inf)
-
-
 class FakeClock(Clock):
     """Simulated clock, which advances while the controller waits."""
 
     def __init__(self, world: BusWorld) -> None:
-        self.now, self.offset = (
-            100.0,
-            1.7e9,
-        )  #: monotonic, and what the system clock is ahead [s]
-        self.limit = math.inf  #: until when an idle controller waits [s]
-        self.jobs: list[Job] = []
-        self.present: Job | None = None
-        self.gate = Semaphore(0)
+        self.now = 100.0  #: time on the monotonic clock [s]
+        self.offset = 1.7e9  #: time by which the system clock is ahead [s]
         self._world = world
 
     def monotonic(self) -> float:
@@ -243,31 +178,15 @@ class FakeClock(Clock):
     def sleep(self, seconds: float) -> None:
         self.wait_for(lambda: False, seconds)
 
-    def wait(self, event: Event, timeout: float) -> bool:
-        is_main = self.present is None
-        return self.wait_for(
-            event.is_set, min(timeout, self.limit - self.now) if is_main else timeout
-        )
-
-    def workers(self, number: int, name: str) -> Worker:
-        return Worker(self)
-
     def wait_for(self, condition: Callable[[], object], timeout: float) -> bool:
         """Wait until a condition holds, or a timeout has passed [s]; return whether it holds."""
         deadline = self.now + max(timeout, STEP)
-        if self.present is not None:
-            self.present.pause(condition, deadline)
-        else:
-            while not condition() and self.now < deadline:
-                self.pass_time(deadline)
+        while not condition() and self.now < deadline:
+            self.pass_time(deadline)
         return bool(condition())
 
     def pass_time(self, end: float) -> None:
-        """Run a job, or else advance the time until the next event."""
-        for job in self.jobs:
-            if job.condition() or self.now >= job.deadline:
-                job.resume()
-                return
-        wanted = min(self._world.deadline, *(job.deadline for job in self.jobs), end)
+        """Advance the time until the next event, until a time [s] at most."""
+        wanted = min(self._world.deadline, end)
         self.now = max(self.now + STEP, wanted)
         self._world.advance()

@@ -1,20 +1,15 @@
-"""Steps of an SDO client without a bus; a client that waits by itself is accepted, too."""
+"""Steps of an SDO client, run without a bus."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from inspect import isgenerator
+from collections.abc import Callable
 from typing import Any
 
-from facade_manipulator.canopen import sdo
-
-HAS_STEPS = hasattr(sdo, 'Steps')
+from facade_manipulator.canopen.sdo import Steps
 
 
-def result_of(steps: Any, wait: Callable[[], object] = bool) -> Any:
-    """Return the result of steps, or a result itself; call a function at each wait."""
-    if not isgenerator(steps):
-        return steps
+def result_of(steps: Steps[Any], wait: Callable[[], object] = bool) -> Any:
+    """Return the result of steps; call a function at each wait."""
     while True:
         try:
             next(steps)
@@ -23,11 +18,7 @@ def result_of(steps: Any, wait: Callable[[], object] = bool) -> Any:
         wait()
 
 
-def answer(value: Any) -> Any:
-    """Return what a read of an object returns: steps with a value as result, or the value."""
-    return _steps(value) if HAS_STEPS else value
-
-
-def _steps(value: Any) -> Iterator[None]:
+def answer(value: Any) -> Steps[Any]:
+    """Return steps that have a value as their result, as a read of an object."""
     yield from ()
     return value

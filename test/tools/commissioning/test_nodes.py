@@ -9,6 +9,7 @@ import pytest
 from tools.commissioning.rig import raising, SERIALS
 
 from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
+from facade_manipulator.tools.commissioning.bus import ToolBus
 
 pytestmark = pytest.mark.long
 
@@ -122,6 +123,22 @@ def test_interrupted_tool_reads_the_answers_that_wait(make_rig, monkeypatch):
 
     monkeypatch.setattr(FakeBus, 'receive', interrupted)
     assert rig.run(*ASSIGN) == 0
+
+
+def test_silent_drive_times_out_on_a_busy_bus(make_rig):
+    rig = make_rig()
+    bus = ToolBus(rig.open_bus(), rig.clock)
+
+    def send() -> None:
+        rig.deliver([(0x182, bytes(8))])
+        rig.later(0.001, send)
+
+    send()
+    rig.drives[0].is_silent = True
+    begin = rig.clock.now
+    assert bus.number(rig.drives[0].node_id, 0x1000) is None
+    assert rig.clock.now - begin < 1.0
+    assert bus.number(rig.drives[1].node_id, 0x1000) is not None
 
 
 class Wire(durand.network.NetworkABC):
