@@ -40,6 +40,7 @@ from facade_manipulator.errors import (
     BusError,
     DriveError,
     DriveStateError,
+    joined,
     ManipulatorError,
 )
 
@@ -627,7 +628,7 @@ def _each(
             drive.end()
     errors = [one.error for one in running if isinstance(one.error, DriveError)]
     if len(errors) > 1:
-        raise DriveError('; '.join(map(str, errors))) from errors[0]
+        raise DriveError(joined(*map(str, errors))) from errors[0]
     return [one.result() for one in running]  # raises the only error
 
 
