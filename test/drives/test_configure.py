@@ -152,6 +152,17 @@ def test_late_answer_after_a_cancelled_self_test_is_ignored(rig):
     )
 
 
+def test_changed_objects_of_two_drives_are_both_named(rig):
+    configured(rig)
+    rig.controller.stop('enough')
+    rig.until_stopped()
+    for drive in rig.drives[::2]:
+        drive.objects.values[0x6065, 0] = 5
+    rig.rejection('clear_faults')
+    for title in ('q1 (node 1)', 'q3 (node 3)'):
+        assert f'{title}: object 6065h:00 reads back as 5' in rig.all_causes
+
+
 def test_changed_object_prevents_clear_faults(rig):
     configured(rig)
     rig.controller.stop('enough')
