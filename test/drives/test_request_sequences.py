@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 import itertools
+import os
+import random
 
 from bus_world import Rig
 import pytest
@@ -228,6 +230,9 @@ def check_sequences(
 
 
 PAUSES = (0, 1, 20)  # cycles
+SAMPLE = (
+    60  # of 343 sequences of three requests; ALL_SEQUENCES=1 runs all in some minutes
+)
 
 
 @before
@@ -244,10 +249,10 @@ def test_two_requests_leave_no_power_without_permission(before):
 
 @before
 def test_three_requests_leave_no_power_without_permission(before):
-    check_sequences(
-        before,
-        (
-            ((first, 0), (second, 0), (third, 0))
-            for first, second, third in itertools.product(REQUESTS, repeat=3)
-        ),
-    )
+    sequences = [
+        ((first, 0), (second, 0), (third, 0))
+        for first, second, third in itertools.product(REQUESTS, repeat=3)
+    ]
+    if not os.environ.get('ALL_SEQUENCES'):
+        sequences = random.Random(before.__name__).sample(sequences, SAMPLE)
+    check_sequences(before, sequences)
