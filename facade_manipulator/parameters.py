@@ -26,6 +26,11 @@ NODES = (
     'disturbance_estimator',
     'gondola_simulator',
 )
+# Parameters of earlier versions, and the reasons for their removal. Maximum axial clearance of
+# ball screws by MISUMI's catalogue: 0.015 mm (precision, C5), 0.2 mm (rolled, C7), 0 (preloaded).
+REMOVED = {
+    'geometry.backlash': 'no tool measures it, and screws have at most 0.2 mm',
+}
 _TYPES = {
     bool: 'true or false',
     int: 'an integer',
@@ -110,6 +115,8 @@ def full_name(prefix: str, name: str) -> str:
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the hint that follows an unknown name in a message."""
+    if name in REMOVED:
+        return f', which was removed because {REMOVED[name]}'
     found = get_close_matches(name, known, 1)
     return f", which is similar to '{found[0]}'" if found else ''
 

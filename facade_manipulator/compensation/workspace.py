@@ -42,7 +42,7 @@ class WorkspaceLimit:
         self._reach = geometry.link_length - margin - errors
         self._gap = geometry.carriage_gap + margin + errors
         least, greatest = geometry.stroke
-        margin += sum(map(_greatest, (geometry.carriage_offsets, geometry.backlash)))
+        margin += _greatest(geometry.carriage_offsets)
         self._stroke = least + margin, greatest - margin
         self._halves = geometry.half_lengths
         self._link_squares = tuple(length * length for length in geometry.link_lengths)

@@ -113,14 +113,6 @@ class Geometry:
     carriage_offsets: tuple[float, ...] = _error(
         (0.0, 0.0, 0.0), 'Position on the rail at drive position 0', elements=CARRIAGES
     )
-    backlash: tuple[float, ...] = parameter(
-        'Backlash of each screw between its two directions',
-        default=(0.0, 0.0, 0.0),
-        unit='m',
-        minimum=0.0,
-        maximum=0.01,
-        elements=CARRIAGES,
-    )
     rail_angle: float = parameter(
         'Angle of the real rail in frame rail',
         default=0.0,
@@ -188,7 +180,6 @@ class Geometry:
                         self.link_errors,
                         self.platform_errors,
                         self.carriage_offsets,
-                        self.backlash,
                         self.tool,
                     ),
                 )

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     import numpy as np
 
 CLOSED = 1e-9  # m², tolerance of a link's squared length
-# m/s, minimum speed at which a carriage presses against one flank of its screw
-TAKE_UP_SPEED = 0.002
 
 
 class Mechanism:
@@ -211,19 +209,6 @@ class Mechanism:
                 )
             )
 
-    def take_up(self, carriages: Carriages, velocity: Carriages) -> Carriages:
-        """Return positions half the backlash ahead, in the direction of motion [m]."""
-        if not any(self.geometry.backlash):
-            return carriages
-        return Carriages(
-            *(
-                q + 0.5 * play * max(-1.0, min(1.0, v / TAKE_UP_SPEED))
-                for q, v, play in zip(
-                    carriages, velocity, self.geometry.backlash, strict=True
-                )
-            )
-        )
-
     def _finite_platform(self, head: Pose) -> Pose:
         x, y, theta = head
         if not isfinite(x + y + theta):
@@ -268,14 +253,13 @@ class Mechanism:
         return Carriages(actual.q1 - offset1, actual.q2 - offset2, actual.q3 - offset3)
 
     def _check_rail(self, actual: Carriages, counted: Carriages) -> None:
-        """Require the gap on the real rail and the stroke of the drives with backlash [m]."""
-        play1, play2, _ = self.geometry.backlash
+        """Require the gap on the real rail and the stroke of the drives [m]."""
         inverse.check_rail(
             self.geometry,
             actual[2] - actual[0],
             actual[1] - actual[2],
-            counted[0] - 0.5 * play1,
-            counted[1] + 0.5 * play2,
+            counted[0],
+            counted[1],
         )
 
     def _branch_number(self, at: inverse.Links) -> float:

@@ -72,9 +72,6 @@ def path_guard(geometry: Geometry) -> Callable[..., None]:
     """
     check = mechanism_guard(geometry)
     low, high = geometry.stroke
-    play1, play2, _ = geometry.backlash
-    low += 0.5 * play1
-    high -= 0.5 * play2
     left_minimum, left_maximum, right_minimum, right_maximum = _closing_box(geometry)
 
     def check_path(*path: Vector) -> None:

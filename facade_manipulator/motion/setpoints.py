@@ -18,7 +18,8 @@ from facade_manipulator.parameters import parameter, settings
 PATH_SPACING = 0.005  # m, between the poses of a path where the request names none
 LONGEST_PATH = 10000  # steps: a mistyped spacing must not block the node for long
 STREAM_GAP = 0.2  # s, pause after which poses begin a new stream
-SHORTEST = 0.02  # s: within less, backlash changes the velocity
+# s: within less, a source that compensates the backlash of its screws changes the velocity
+SHORTEST = 0.02
 
 
 class Setpoint(NamedTuple):
@@ -191,4 +192,4 @@ class SetpointStream:
             velocity = mechanism.carriage_velocity(
                 pose, kinematics.Twist(*(step / elapsed for step in change))
             )
-        return Setpoint(time, mechanism.take_up(carriages, velocity), velocity)
+        return Setpoint(time, carriages, velocity)

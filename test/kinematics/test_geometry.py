@@ -4,6 +4,7 @@ import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.parameters import settings_from
 
 
 def test_geometry_accepts_integers_and_zero_gap():
@@ -39,3 +40,11 @@ def test_geometry_accepts_integers_and_zero_gap():
 def test_geometry_out_of_range_is_rejected(fields, words):
     with pytest.raises(ParameterError, match=words):
         Geometry(**fields)
+
+
+def test_removed_backlash_is_rejected_with_the_reason():
+    values = {'geometry.backlash': [0.0, 0.0, 0.0]}
+    with pytest.raises(
+        ParameterError, match="'geometry.backlash', which was removed because no tool"
+    ):
+        settings_from(Geometry, values, 'geometry')

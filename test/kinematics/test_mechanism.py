@@ -172,22 +172,3 @@ def test_coordinate_that_is_not_finite_is_named(error, place, bad):
             ParameterError, match=f'{kind._fields[place]} = {bad} is not a finite'
         ):
             function(kind(*values))
-
-
-def test_backlash_is_compensated_in_the_direction_of_motion():
-    machine, at = made(backlash=(1e-4, 2e-4, 0.0)), Carriages(-0.1, 0.1, 0.0)
-    assert machine.take_up(at, Carriages(0.3, -0.3, 0.3)) == pytest.approx(
-        (-0.09995, 0.0999, 0.0)
-    )
-    assert machine.take_up(at, Carriages(0.0, 0.0, 0.0)) == at
-
-
-@pytest.mark.parametrize('side', [0, 1])
-def test_stroke_includes_half_the_backlash(side):
-    shift = (-1.0, 1.0)[side] * (0.5 - 5e-5 - abs(made().certify(HEAD)[side]))
-    pose, play = HEAD._replace(x=HEAD.x + shift), [0.0, 0.0, 0.0]
-    play[side] = 0.8e-4
-    made(backlash=tuple(play)).certify(pose)
-    play[side] = 1.2e-4
-    with pytest.raises(StrokeLimitError, match=f'q{side + 1} = '):
-        made(backlash=tuple(play)).certify(pose)

@@ -80,7 +80,6 @@ def test_path_is_rejected_at_its_first_impossible_position(path):
         GEOMETRY,
         MADE,
         *VARIANTS,
-        Geometry(backlash=(0.01, 0.008, 0.0), stroke=(-0.3, 0.3)),
     ],
 )
 def test_path_guard_decides_as_the_mechanism_guard(geometry):
