@@ -21,15 +21,14 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.socketcan.socketcan import create_bcm_socket
 from can.interfaces.virtual import VirtualBus
-from canopen.nmt import NMT_COMMANDS
 
+from facade_manipulator.canopen import cob_ids, nmt
 from facade_manipulator.canopen.link import (
     BusSettings,
     BusStatistics,
     check_link,
     restart_command,
 )
-from facade_manipulator.canopen.pdo import NMT_COB_ID, REMOTE_FRAME, SYNC_COB_ID
 from facade_manipulator.errors import BusError
 
 MAXIMUM_STAMP_AGE = 10.0  # s: an older stamp comes from another clock
@@ -60,7 +59,7 @@ _CONDITIONS = {
 class Frame(NamedTuple):
     """Standard frame with its times of reception."""
 
-    cob_id: int  #: with the bit `pdo.REMOTE_FRAME` for a remote frame
+    cob_id: int  #: with the bit `cob_ids.REMOTE_FRAME` for a remote frame
     data: bytes
     time: float  #: time of reception on the monotonic clock [s]
     stamp: float  #: time of reception on the system clock [s]
@@ -126,19 +125,21 @@ class CanBus:
         hint = " (python-can's bus within one process: no drive outside is on it)"
         return f'{self._bus.channel_info}{hint if self.is_virtual else ""}'
 
-    def listen_to(self, cob_ids: tuple[int, ...]) -> None:
+    def listen_to(self, received: tuple[int, ...]) -> None:
         """
         Let the kernel drop all frames except those of the given COB-IDs, on SocketCAN.
 
         Data frames and remote frames with these COB-IDs are received.
         """
-        if isinstance(self._bus, SocketcanBus):
-            self._bus.set_filters(
-                [
-                    {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False}
-                    for cob_id in sorted({one & 0x7FF for one in cob_ids})
-                ]
-            )
+        if not isinstance(self._bus, SocketcanBus):
+            return
+        identifiers = {one & cob_ids.COB_ID_BITS for one in received}
+        self._bus.set_filters(
+            [
+                {'can_id': one, 'can_mask': cob_ids.COB_ID_BITS, 'extended': False}
+                for one in sorted(identifiers)
+            ]
+        )
 
     def receive(self, timeout: float) -> Frame | None:
         """
@@ -166,7 +167,7 @@ class CanBus:
         age = time.time() - message.timestamp
         if not 0.0 <= age < MAXIMUM_STAMP_AGE:
             age = 0.0  # the system clock was set after reception
-        remote = REMOTE_FRAME if message.is_remote_frame else 0
+        remote = cob_ids.REMOTE_FRAME if message.is_remote_frame else 0
         return Frame(
             message.arbitration_id | remote,
             bytes(message.data),
@@ -201,11 +202,11 @@ class CanBus:
 
         The library names a command by the state that follows, such as ``'OPERATIONAL'``.
         """
-        self.send(NMT_COB_ID, bytes([NMT_COMMANDS[name], node_id]))
+        self.send(cob_ids.NMT, nmt.command(name, node_id))
 
     def start_sync(self, period: float) -> None:
         """Start SYNC by the kernel, without jitter of Python; raises a BusError if impossible."""
-        message = can.Message(arbitration_id=SYNC_COB_ID, is_extended_id=False)
+        message = can.Message(arbitration_id=cob_ids.SYNC, is_extended_id=False)
         try:
             self._sync_task = self._bus.send_periodic(message, period)
         except _ERRORS as error:

@@ -18,31 +18,25 @@ from math import ceil
 import struct
 from typing import NamedTuple
 
-NMT_COB_ID = 0x000
-SYNC_COB_ID = 0x080
-# COB-IDs of the predefined connection set; the node id is added
-EMERGENCY, SDO_RESPONSE, SDO_REQUEST, HEARTBEAT = 0x080, 0x580, 0x600, 0x700
-LSS_REQUEST = 0x7E5
-MASTER_NODE_ID = 127
-REMOTE_FRAME = 1 << 30  # marks the COB-ID of a received remote frame, as in SocketCAN
-# bits of a COB-ID in the objects of a node
-PDO_NOT_VALID = 1 << 31
-RTR_NOT_ALLOWED = 1 << 30
-EXTENDED_FRAME = 1 << 29
-COB_ID_BITS = 0x7FF
+from facade_manipulator.canopen import cob_ids, indices
 
-NMT_STARTUP_OBJECT = 0x1F80
-WAITS_FOR_START = 1 << 2  # bit of 1F80h: the node does not start itself (CiA 302-2)
-GUARD_TIME_OBJECT = 0x100C  # ms
-SYNC_OBJECT, SYNC_PERIOD_OBJECT = 0x1005, 0x1006
-SYNC_PRODUCER = 1 << 30  # bit of 1005h: the node sends SYNC with the period 1006h [us]
+# former names
+NMT_COB_ID = cob_ids.NMT
+SYNC_COB_ID = cob_ids.SYNC
+EMERGENCY = cob_ids.EMERGENCY
+SDO_REQUEST = cob_ids.SDO_REQUEST
+HEARTBEAT = cob_ids.HEARTBEAT
+MASTER_NODE_ID = cob_ids.MASTER_NODE_ID
+REMOTE_FRAME = cob_ids.REMOTE_FRAME
 
 ALL_BITS = 0xFFFFFFFF
 HIGHEST_FULL_RATE = (
     200  # Hz, maximum rate of cycles at which the bus has room for every PDO
 )
+#: from the index of the communication parameters of a PDO to that of its mapping
+MAPPING_OFFSET = indices.RPDO_MAPPING - indices.RPDO_COMMUNICATION
 PDO_NAMES = tuple(
-    f'{direction}PDO{number}' for direction in 'RT' for number in range(1, 5)
+    f'{direction}PDO{number}' for direction in 'RT' for number in cob_ids.PDO_NUMBERS
 )
 
 
@@ -91,9 +85,10 @@ class Pdo:
         self.is_transmitted = self.name.startswith(
             'T'
         )  #: named from the side of the drive
-        self.communication_index = (
-            (0x1800 if self.is_transmitted else 0x1400) + self.number - 1
-        )
+        first = indices.RPDO_COMMUNICATION
+        if self.is_transmitted:
+            first = indices.TPDO_COMMUNICATION
+        self.communication_index = first + self.number - 1
         #: format of the data bytes, little-endian
         self.codec = struct.Struct('<' + ''.join(item.code for item in self.content))
         self.indices = tuple(item.index for item in self.content)
@@ -113,18 +108,19 @@ class Pdo:
 
     def cob_id(self, node_id: int) -> int:
         """Return the COB-ID of this PDO at a node."""
-        return 0x100 * self.number + (0x080 if self.is_transmitted else 0x100) + node_id
+        first = cob_ids.TPDO if self.is_transmitted else cob_ids.RPDO
+        return first + cob_ids.PDO_STEP * (self.number - 1) + node_id
 
     def disable_write(self, node_id: int) -> Write:
         """Return the write that disables the PDO; the drive may keep another COB-ID."""
-        entry = self._cob_id_entry(node_id) | PDO_NOT_VALID
+        entry = self._cob_id_entry(node_id) | cob_ids.NOT_VALID
         return Write(
             self.communication_index,
             1,
             entry,
             4,
             required=False,
-            compared=PDO_NOT_VALID,
+            compared=cob_ids.NOT_VALID,
         )
 
     def configure_writes(self, node_id: int, rate: int = 100) -> list[Write]:
@@ -134,7 +130,7 @@ class Pdo:
         The order is: disable, count 0, entries, count, transmission type at a rate [Hz], enable.
 
         """
-        mapping = self.communication_index + 0x200
+        mapping = self.communication_index + MAPPING_OFFSET
         return [
             self.disable_write(node_id)._replace(required=True, compared=0),
             Write(mapping, 0, 0, 1, compared=0),
@@ -149,70 +145,55 @@ class Pdo:
                 1,
                 self._cob_id_entry(node_id),
                 4,
-                compared=PDO_NOT_VALID | EXTENDED_FRAME | COB_ID_BITS,
+                compared=cob_ids.NOT_VALID
+                | cob_ids.EXTENDED_FRAME
+                | cob_ids.COB_ID_BITS,
             ),
         ]
 
     def _cob_id_entry(self, node_id: int) -> int:
-        return self.cob_id(node_id) | (RTR_NOT_ALLOWED if self.is_transmitted else 0)
+        return self.cob_id(node_id) | (
+            cob_ids.RTR_NOT_ALLOWED if self.is_transmitted else 0
+        )
 
 
 RPDO1 = Pdo(
     'RPDO1',
     (
-        MappedObject(0x6040, 0, 'H'),
-        MappedObject(0x6060, 0, 'b'),
-        MappedObject(0x607A, 0, 'i'),
+        MappedObject(indices.CONTROLWORD, 0, 'H'),
+        MappedObject(indices.MODE_OF_OPERATION, 0, 'b'),
+        MappedObject(indices.TARGET_POSITION, 0, 'i'),
     ),
 )
 TPDO1 = Pdo(
     'TPDO1',
     (
-        MappedObject(0x6041, 0, 'H'),
-        MappedObject(0x6061, 0, 'b'),
-        MappedObject(0x6064, 0, 'i'),
+        MappedObject(indices.STATUSWORD, 0, 'H'),
+        MappedObject(indices.MODE_DISPLAY, 0, 'b'),
+        MappedObject(indices.ACTUAL_POSITION, 0, 'i'),
     ),
 )
-TPDO2 = Pdo('TPDO2', (MappedObject(0x606C, 0, 'i'), MappedObject(0x60F4, 0, 'i')))
+TPDO2 = Pdo(
+    'TPDO2',
+    (
+        MappedObject(indices.ACTUAL_VELOCITY, 0, 'i'),
+        MappedObject(indices.ACTUAL_FOLLOWING_ERROR, 0, 'i'),
+    ),
+)
 TPDO3 = Pdo(
     'TPDO3',
     (
-        MappedObject(0x603F, 0, 'H'),
-        MappedObject(0x6077, 0, 'h'),
-        MappedObject(0x60FD, 0, 'I'),
+        MappedObject(indices.ERROR_CODE, 0, 'H'),
+        MappedObject(indices.ACTUAL_TORQUE, 0, 'h'),
+        MappedObject(indices.DIGITAL_INPUTS, 0, 'I'),
     ),
 )
 
-CONTROLWORD, MODE_COMMAND, TARGET = RPDO1.indices
-STATUSWORD, MODE, POSITION = TPDO1.indices
-VELOCITY, FOLLOWING_ERROR = TPDO2.indices
-ERROR_CODE, TORQUE, INPUTS = TPDO3.indices
 PDO_MAP = (RPDO1, TPDO1, TPDO2, TPDO3)
-COMMANDS, STATUS, MOTION = (frozenset(one.indices) for one in (RPDO1, TPDO1, TPDO2))
+COMMANDS = frozenset(RPDO1.indices)
+STATUS = frozenset(TPDO1.indices)
+MOTION = frozenset(TPDO2.indices)
 KNOWN_OBJECTS = {item.index: item for one in PDO_MAP for item in one.content}
-
-
-def frames_of_masters(node_ids: Iterable[int]) -> dict[int, tuple[str, bool]]:
-    """Return descriptions of master frames by COB-ID, and whether the frames command drives."""
-    frames = {
-        HEARTBEAT + MASTER_NODE_ID: ('its heartbeat (77Fh)', True),
-        SYNC_COB_ID: ('SYNC (080h)', True),
-        NMT_COB_ID: ('an NMT command', False),
-        LSS_REQUEST: ('an LSS request (7E5h)', False),
-    }
-    for node in node_ids:
-        for pdo in map(Pdo, PDO_NAMES):
-            if pdo.is_transmitted:
-                frames[REMOTE_FRAME | pdo.cob_id(node)] = (
-                    f'a remote request to node {node}',
-                    False,
-                )
-            else:
-                frames[pdo.cob_id(node)] = f'process data for node {node}', True
-        frames[SDO_REQUEST + node] = f'an SDO request to node {node}', False
-        guarding = f'node guarding of node {node} (RTR to {HEARTBEAT + node:03X}h)'
-        frames[REMOTE_FRAME | (HEARTBEAT + node)] = guarding, False
-    return frames
 
 
 def unused_pdos(used: Iterable[Pdo]) -> tuple[Pdo, ...]:

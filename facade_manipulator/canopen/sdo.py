@@ -8,7 +8,7 @@ time-outs.
 
 References
 ----------
-CiA 301: SDO upload, download and abort, expedited and segmented.
+CiA 301: service data objects; upload, download and abort, expedited and segmented.
 
 """
 
@@ -24,10 +24,10 @@ from typing import TypeVar
 
 from canopen import ObjectDictionary, SdoAbortedError
 
+from facade_manipulator.canopen import cob_ids
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.eds import read_dictionary
-from facade_manipulator.canopen.pdo import SDO_REQUEST
 from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
 
 SDO_FRAME_LENGTH = 8
@@ -44,6 +44,8 @@ _UPLOAD_REQUEST = 0x40
 _UPLOAD_SEGMENT_REQUEST = 0x60
 _SEGMENTED_DOWNLOAD_REQUEST = 0x21  # with the size of the object
 _ABORT_REQUEST = 0x80
+# command specifiers, bits 7 to 5: download, block download
+_WRITE_REQUESTS = frozenset({1, 6})
 # bits of the first byte of a segment
 _TOGGLE = 0x10
 _IS_LAST = 0x01
@@ -60,6 +62,16 @@ def expedited_download(index: int, subindex: int, data: bytes) -> bytes:
         0x23 | (4 - len(data)) << 2
     )  # bits 2 and 3: how many of four bytes are unused
     return struct.pack('<BHB4s', specifier, index, subindex, data)
+
+
+def upload_request(index: int, subindex: int) -> bytes:
+    """Return the frame that reads an object (CiA 301, SDO upload)."""
+    return struct.pack('<BHB4x', _UPLOAD_REQUEST, index, subindex)
+
+
+def is_write(request: bytes) -> bool:
+    """Return whether a request begins to write an object, at once or in blocks."""
+    return request[0] >> 5 in _WRITE_REQUESTS
 
 
 # server command specifiers, bits 7 to 5 of the first byte of an answer (CiA 301)
@@ -101,6 +113,14 @@ def complete_answer(data: bytes, size: int = 4) -> bytes | None:
         return None
     first &= _USED_BITS.get(specifier, 0xFF)
     return (bytes([first]) + data[1:]).ljust(SDO_FRAME_LENGTH, b'\0')
+
+
+def expedited_number(answer: bytes) -> int | None:
+    """Return the number in an answer that contains the value, None for another answer."""
+    first = answer[0]
+    if first >> 5 != _UPLOAD or not first & _EXPEDITED:
+        return None
+    return int.from_bytes(answer[4:], 'little')
 
 
 class SdoAbortError(DriveObjectError):
@@ -316,9 +336,8 @@ class SdoChannel:
                 f'{self._title} was still busy with {transfer} when the time for this request was '
                 'over: it answers too slowly, or without an end'
             )
-        self._bus.send(
-            SDO_REQUEST + self.node_id, request.ljust(SDO_FRAME_LENGTH, b'\0')
-        )
+        cob_id = cob_ids.SDO_REQUEST + self.node_id
+        self._bus.send(cob_id, request.ljust(SDO_FRAME_LENGTH, b'\0'))
 
     def _abort(self, transfer: _Transfer, code: int) -> _AttemptError:
         """Abort a transfer with a code; return the error of this attempt."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import cached_property
 import math
 
-from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen import cob_ids
 from facade_manipulator.drives.units import SiPerUnit, VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, parameter_fields, settings
@@ -76,7 +76,7 @@ class AxisSettings:
         'CANopen node id of the drive',
         default=1,
         minimum=1,
-        maximum=pdo.MASTER_NODE_ID - 1,
+        maximum=cob_ids.MASTER_NODE_ID - 1,
     )
     profile: str = parameter(
         'Drive type: name of a file in config/drives', default='simulated'

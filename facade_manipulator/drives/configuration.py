@@ -19,9 +19,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen import cob_ids, indices, nmt, pdo, sync
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
+from facade_manipulator.canopen.nmt import SupervisedHeartbeat
 from facade_manipulator.canopen.pdo import Write
 from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel, Steps
 from facade_manipulator.drives.axis_settings import AxisSettings
@@ -44,9 +45,11 @@ Read = Callable[[int, int], Steps['int | None']]
 
 # masks of the bits that are not reserved, by index; a drive may set the others
 _USED_BITS = {
-    0x1005: pdo.SYNC_PRODUCER | pdo.EXTENDED_FRAME | pdo.COB_ID_BITS,
-    0x1014: pdo.PDO_NOT_VALID | pdo.EXTENDED_FRAME | pdo.COB_ID_BITS,
-    0x1016: 0x00FFFFFF,
+    indices.COB_ID_SYNC: sync.PRODUCER | cob_ids.EXTENDED_FRAME | cob_ids.COB_ID_BITS,
+    indices.COB_ID_EMERGENCY: cob_ids.NOT_VALID
+    | cob_ids.EXTENDED_FRAME
+    | cob_ids.COB_ID_BITS,
+    indices.CONSUMER_HEARTBEAT_TIME: nmt.SUPERVISED_HEARTBEAT_BITS,
 }
 _UNIT_BITS = 0xFFFFFF00  # prefix, numerator and denominator of a unit
 
@@ -205,13 +208,8 @@ def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> Steps[bool
     """Return whether a drive with its present objects stops when this master is silent."""
     watched = (yield from read_optional(drive, *profile.heartbeat_consumer)) or 0
     reaction = yield from read_optional(drive, profile.lost_master_reaction, 0)
-    node, timeout = _watched_master(watched)
-    return bool(node == pdo.MASTER_NODE_ID and timeout and reaction)
-
-
-def _watched_master(value: int) -> tuple[int, int]:
-    """Return node id and time-out [ms] in an object 1016h, whose highest byte is reserved."""
-    return value >> 16 & 0xFF, value & 0xFFFF
+    node, timeout = SupervisedHeartbeat.decode(watched)
+    return bool(node == cob_ids.MASTER_NODE_ID and timeout and reaction)
 
 
 # --- units and identity
@@ -227,20 +225,20 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Steps[list[str]]:
     conflicts = []
     ramp = axis.acceleration_unit or axis.velocity_unit
     for index, expected, used, name in (
-        (0x60A8, COUNTS, _UNIT_BITS, 'positions in counts'),
+        (indices.POSITION_UNIT, COUNTS, _UNIT_BITS, 'positions in counts'),
         (
-            0x60A9,
+            indices.VELOCITY_UNIT,
             VELOCITY_UNITS[axis.velocity_unit].velocity,
             _UNIT_BITS,
             axis.velocity_unit,
         ),
         (
-            0x60AA,
+            indices.ACCELERATION_UNIT,
             VELOCITY_UNITS[ramp].acceleration,
             _UNIT_BITS,
             f'{ramp} per second',
         ),
-        (0x607E, 0, 0xFF, "no polarity: the axis's direction has the sign"),
+        (indices.POLARITY, 0, 0xFF, "no polarity: the axis's direction has the sign"),
     ):
         found = yield from read(index, 0)
         if found and (found ^ expected) & used:
@@ -262,15 +260,15 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Steps[list[str]]:
 
 def _counts_per_revolution(read: Read) -> Steps[float | None]:
     """Return feed, or else encoder resolution, divided by gear ratio; None if both are missing."""
-    feed = yield from _ratio(read, 0x6092)
-    resolution = yield from _ratio(read, 0x608F)
+    feed = yield from _ratio(read, indices.FEED_CONSTANT)
+    resolution = yield from _ratio(read, indices.ENCODER_RESOLUTION)
     # Elmo's Gold drives have counts of the encoder
     if resolution == 1.0 and feed in (None, 1.0):
         return None
     feed = feed or resolution
     if not feed:
         return None
-    gear = yield from _ratio(read, 0x6091)
+    gear = yield from _ratio(read, indices.GEAR_RATIO)
     return feed / (gear or 1.0)
 
 
@@ -294,7 +292,7 @@ def check_identity(
     difference.
     """
     where = f'{drive.name} (node {drive.node_id})'
-    device_type = yield from drive.read_number(0x1000)
+    device_type = yield from drive.read_number(indices.DEVICE_TYPE)
     kind = device_type & 0xFFFF
     if kind != DEVICE_TYPE:
         raise DriveObjectError(
@@ -306,7 +304,7 @@ def check_identity(
         (2, 'product_code'),
         (4, 'serial_number'),
     ):
-        numbers[name] = yield from read_optional(drive, 0x1018, subindex)
+        numbers[name] = yield from read_optional(drive, indices.IDENTITY, subindex)
     for name, actual in numbers.items():
         configured = getattr(axis, name)
         if not configured or actual == configured:
@@ -447,29 +445,29 @@ class Drive:
 
     def _find_sync(self) -> Steps[int]:
         """Return the COB-ID of SYNC (1005h), and record whether the drive sends SYNC."""
-        cob_id = (yield from self._read_optional(pdo.SYNC_OBJECT, 0)) or 0
-        if cob_id & pdo.SYNC_PRODUCER:
+        cob_id = (yield from self._read_optional(indices.COB_ID_SYNC, 0)) or 0
+        if cob_id & sync.PRODUCER:
             self.produces_sync = True
-            period = yield from self._read_optional(pdo.SYNC_PERIOD_OBJECT, 0)
+            period = yield from self._read_optional(indices.SYNC_PERIOD, 0)
             self.sync_period = 1e-6 * (period or 0)
         return cob_id
 
     def _end_sync(self) -> Steps[list[str]]:
         """End the SYNC that the drive sends; return notes for the operator."""
         cob_id = yield from self._find_sync()
-        if not cob_id & pdo.SYNC_PRODUCER:
+        if not cob_id & sync.PRODUCER:
             return []
-        silenced = cob_id & ~pdo.SYNC_PRODUCER
+        silenced = cob_id & ~sync.PRODUCER
         found = f'{self.monitor.title} sends SYNC itself (1005h = {cob_id:X}h)'
         remedy = f'store 1005h = {silenced:X}h in the drive'
         try:
             yield from self.objects.write(
-                pdo.SYNC_OBJECT, 0, silenced.to_bytes(4, 'little')
+                indices.COB_ID_SYNC, 0, silenced.to_bytes(4, 'little')
             )
         except DriveObjectError as error:
             raise DriveObjectError(f'{found}: {error}; next: {remedy}') from error
-        present = yield from self._read_optional(pdo.SYNC_OBJECT, 0)
-        if (present or 0) & pdo.SYNC_PRODUCER:
+        present = yield from self._read_optional(indices.COB_ID_SYNC, 0)
+        if (present or 0) & sync.PRODUCER:
             raise DriveObjectError(f'{found} and keeps this setting; next: {remedy}')
         return [f'{found} until configure ends it, after each reset; next: {remedy}']
 
@@ -498,18 +496,20 @@ class Drive:
         if state is None:
             return ''  # the drive is absent, or its reset shows the problem
         yield from self._find_sync()
-        guard_time = yield from self._read_optional(pdo.GUARD_TIME_OBJECT, 0)
+        guard_time = yield from self._read_optional(indices.GUARD_TIME, 0)
         self.guard_time = 1e-3 * (guard_time or 0)
 
-        speed = yield from read_optional(self.objects, pdo.VELOCITY, 0, signed=True)
+        speed = yield from read_optional(
+            self.objects, indices.ACTUAL_VELOCITY, 0, signed=True
+        )
         velocity = monitor.axis.si_per_unit.velocity * (speed or 0)
         if abs(velocity) > REST_SPEED:
             return f'{monitor.title} moves at {velocity:.3g} m/s'
 
         watched = yield from self._read_optional(*monitor.profile.heartbeat_consumer)
-        node, timeout = _watched_master(watched or 0)
+        node, timeout = SupervisedHeartbeat.decode(watched or 0)
         misses_us = (
-            node == pdo.MASTER_NODE_ID
+            node == cob_ids.MASTER_NODE_ID
             and 0 < timeout <= 1e3 * self._settings.heartbeat_timeout
         )
         has_stopped = misses_us and state is State.QUICK_STOP_ACTIVE
@@ -523,8 +523,8 @@ class Drive:
 
     def _starts_itself(self) -> Steps[bool]:
         """Return whether the drive becomes operational without a command after its boot-up."""
-        startup = yield from self._read_optional(pdo.NMT_STARTUP_OBJECT, 0)
-        is_stored = startup is not None and not startup & pdo.WAITS_FOR_START
+        startup = yield from self._read_optional(indices.NMT_STARTUP, 0)
+        is_stored = startup is not None and not startup & nmt.WAITS_FOR_START
         return self.monitor.profile.quirks.starts_itself or is_stored
 
     def switch_off(self) -> Steps[State | None]:
@@ -533,13 +533,13 @@ class Drive:
             DriveError, BusError
         ):  # a drive that does not answer is asked once more
             # disable voltage
-            yield from self.objects.write(pdo.CONTROLWORD, 0, bytes(2))
+            yield from self.objects.write(indices.CONTROLWORD, 0, bytes(2))
         return (yield from self._state())
 
     def _state(self) -> Steps[State | None]:
         """Return the state of the drive, None without a timely answer or a valid state."""
         try:
-            word = yield from self.objects.read_number(pdo.STATUSWORD)
+            word = yield from self.objects.read_number(indices.STATUSWORD)
         except (DriveError, BusError):
             return None
         return decode_state(word)

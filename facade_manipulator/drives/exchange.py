@@ -21,10 +21,11 @@ from collections.abc import Callable
 from functools import partial
 import math
 
-from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen import cob_ids, emcy, nmt
 from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.pdo import Pdo
+from facade_manipulator.canopen.sdo import is_write
 from facade_manipulator.drives.configuration import Drive
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
@@ -37,15 +38,13 @@ from facade_manipulator.errors import BusError
 LONGEST_WAIT = 0.02  # s: a stop acts within this time, also while all drives are silent
 # of the heartbeat time-out: after a longer pause of this loop frames may have been dropped
 EXCUSING_PAUSE = 0.5
-SDO_WRITES = {1, 6}  # command specifiers of a client: download, block download
 LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
-_ERROR_CODE_LENGTH = 2  # of an emergency message, which begins with its error code
 # least length of the data, because a drive may pad its frames to 8 bytes; receiver
 Route = tuple[int, Callable[[Frame], Cause | None]]
-_OPERATIONAL = bytes([5])  # state of this master in its heartbeat
+_OPERATIONAL = nmt.heartbeat('OPERATIONAL')
 _IGNORED: Route = (0, lambda _: None)
-_FOREIGN_SYNC = pdo.frames_of_masters(())[pdo.SYNC_COB_ID]
-_MASTER_HEARTBEAT = pdo.HEARTBEAT + pdo.MASTER_NODE_ID
+_FOREIGN_SYNC = cob_ids.frames_of_masters(())[cob_ids.SYNC]
+_MASTER_HEARTBEAT = cob_ids.HEARTBEAT + cob_ids.MASTER_NODE_ID
 
 
 class CyclicExchange:
@@ -97,18 +96,21 @@ class CyclicExchange:
             int, Route
         ] = {  # this master does not receive its own frames
             cob_id: (0, partial(self._on_other_master, *frame))
-            for cob_id, frame in pdo.frames_of_masters(
+            for cob_id, frame in cob_ids.frames_of_masters(
                 one.axis.node_id for one in monitors
             ).items()
         }
-        self._routes[pdo.SYNC_COB_ID] = 0, self._on_early_sync
+        self._routes[cob_ids.SYNC] = 0, self._on_early_sync
         for monitor, drive in zip(monitors, self.drives, strict=True):
             node = monitor.axis.node_id
             self._routes |= {
-                pdo.EMERGENCY + node: (_ERROR_CODE_LENGTH, monitor.receive_emergency),
-                pdo.HEARTBEAT + node: (1, partial(self._on_heartbeat, monitor)),
-                pdo.SDO_REQUEST + node: (1, partial(self._on_sdo_request, node)),
-                pdo.SDO_RESPONSE + node: (0, drive.receive),
+                cob_ids.EMERGENCY + node: (
+                    emcy.ERROR_CODE_LENGTH,
+                    monitor.receive_emergency,
+                ),
+                cob_ids.HEARTBEAT + node: (1, partial(self._on_heartbeat, monitor)),
+                cob_ids.SDO_REQUEST + node: (1, partial(self._on_sdo_request, node)),
+                cob_ids.SDO_RESPONSE + node: (0, drive.receive),
             }
             for tpdo in monitor.tpdos:
                 self._routes[tpdo.cob_id(node)] = (
@@ -143,9 +145,9 @@ class CyclicExchange:
 
     def _on_sdo_request(self, node: int, frame: Frame) -> Cause | None:
         """Return the cause of a stop for a write of another master; reading changes nothing."""
-        is_write = frame.data[0] >> 5 in SDO_WRITES
-        name = f'an SDO {"write" if is_write else "request"} to node {node}'
-        return self._on_other_master(name, is_write, frame)
+        writes = is_write(frame.data)
+        name = f'an SDO {"write" if writes else "request"} to node {node}'
+        return self._on_other_master(name, writes, frame)
 
     def _on_heartbeat(self, monitor: AxisMonitor, frame: Frame) -> Cause | None:
         """
@@ -231,12 +233,12 @@ class CyclicExchange:
         self.group.start(now)
         for monitor in self.group.monitors:
             monitor.begin_supervision(now)
-        self._routes[pdo.SYNC_COB_ID] = (
+        self._routes[cob_ids.SYNC] = (
             0,
             partial(self._on_other_master, *_FOREIGN_SYNC),
         )
         if self.bus.has_kernel_sync:
-            self._routes[pdo.SYNC_COB_ID] = 0, self._on_sync
+            self._routes[cob_ids.SYNC] = 0, self._on_sync
             self.bus.start_sync(self._settings.period)
 
     def wait(self) -> None:
@@ -306,7 +308,7 @@ class CyclicExchange:
             self._is_due = True
         else:
             clock.begin(self._now(), self._stamp())
-            self._send(pdo.SYNC_COB_ID)
+            self._send(cob_ids.SYNC)
 
     def _step(self, now: float) -> None:
         in_time = self.clock.finish(now)

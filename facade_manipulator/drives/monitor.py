@@ -14,9 +14,9 @@ from typing import Any
 
 from canopen.nmt import NMT_STATES
 
-from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen import indices, nmt
 from facade_manipulator.canopen.bus import Frame
-from facade_manipulator.canopen.emergency import fault, is_error_reset
+from facade_manipulator.canopen.emcy import error_code, fault, is_error_reset
 from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.axis_settings import AxisSettings, Triple
 from facade_manipulator.drives.controller_settings import ControllerSettings
@@ -42,7 +42,12 @@ SYNC_TOLERANCE = 0.001  # s, maximum error between the stamps of a SYNC and its 
 REST_SPEED = 0.002  # m/s, below which a carriage is at rest
 ENABLED_MASK, ENABLED = STATUSWORDS[State.OPERATION_ENABLED]
 # in the order of SiPerUnit
-MEASURED_OBJECTS = (pdo.POSITION, pdo.VELOCITY, pdo.TORQUE, pdo.FOLLOWING_ERROR)
+MEASURED_OBJECTS = (
+    indices.ACTUAL_POSITION,
+    indices.ACTUAL_VELOCITY,
+    indices.ACTUAL_TORQUE,
+    indices.ACTUAL_FOLLOWING_ERROR,
+)
 
 
 def positions_of(monitors: tuple[AxisMonitor, ...]) -> Triple:
@@ -162,7 +167,9 @@ class AxisMonitor:
         # one count in a cycle is not a motion
         self._rest_speed = REST_SPEED + abs(axis.si_per_unit.position) / settings.period
         self._values: dict[int, Any] = {}  # by index, in SI units where it is measured
-        self._sends_velocity = any(pdo.VELOCITY in one.indices for one in self.tpdos)
+        self._sends_velocity = any(
+            indices.ACTUAL_VELOCITY in one.indices for one in self.tpdos
+        )
         self._settings = settings
         self._supervised_since = -inf
         self._was_remote = False
@@ -179,12 +186,12 @@ class AxisMonitor:
         return AxisSnapshot(
             self.name,
             self.axis.node_id,
-            self._values.get(pdo.STATUSWORD),
+            self._values.get(indices.STATUSWORD),
             position,
             velocity,
             force,
             following_error,
-            self._values.get(pdo.INPUTS),
+            self._values.get(indices.DIGITAL_INPUTS),
             self.encoder.homed,
             self.error_code,
             age,
@@ -231,9 +238,9 @@ class AxisMonitor:
         if self.boot_ups:  # the PDO mapping is lost
             return []
         values = {
-            pdo.CONTROLWORD: command.controlword | self._cyclic_bit_4(command),
-            pdo.MODE_COMMAND: command.mode,
-            pdo.TARGET: target,
+            indices.CONTROLWORD: command.controlword | self._cyclic_bit_4(command),
+            indices.MODE_OF_OPERATION: command.mode,
+            indices.TARGET_POSITION: target,
         }
         return [
             (cob_id, pack(*[values[index] for index in indices]))
@@ -261,20 +268,22 @@ class AxisMonitor:
             zip(tpdo.indices, map(mul, raw, self._units[tpdo.name]), strict=True)
         )
         self.answers.receive(tpdo.name, time, sync_time)
-        cause, code = None, self._values.get(pdo.ERROR_CODE, 0)
-        is_in_fault = self._values.get(pdo.STATUSWORD, 0) & Status.FAULT
+        cause, code = None, self._values.get(indices.ERROR_CODE, 0)
+        is_in_fault = self._values.get(indices.STATUSWORD, 0) & Status.FAULT
         if (
-            pdo.ERROR_CODE in tpdo.indices
+            indices.ERROR_CODE in tpdo.indices
             and is_in_fault
             and code != self.error_code
             and not is_error_reset(code)
         ):  # a drive may report its error only by 603Fh
             cause = self._receive_error(code)
-        if pdo.POSITION not in tpdo.indices:
+        if indices.ACTUAL_POSITION not in tpdo.indices:
             return cause
-        distrust = self.encoder.receive(raw[tpdo.indices.index(pdo.POSITION)], time)
+        distrust = self.encoder.receive(
+            raw[tpdo.indices.index(indices.ACTUAL_POSITION)], time
+        )
         if not self._sends_velocity:
-            self._values[pdo.VELOCITY] = self.encoder.speed
+            self._values[indices.ACTUAL_VELOCITY] = self.encoder.speed
         return (
             cause
             if not distrust
@@ -293,7 +302,7 @@ class AxisMonitor:
         A drive that faults in spite of a code that its maker calls a warning shows the fault in
         its statusword.
         """
-        code = int.from_bytes(frame.data[:2], 'little')
+        code = error_code(frame.data)
         if is_error_reset(code):
             self.forget_errors()
             return None
@@ -318,7 +327,7 @@ class AxisMonitor:
 
     def receive_heartbeat(self, frame: Frame) -> Cause | None:
         """Receive a heartbeat or boot-up message; return the cause of a stop, if any."""
-        number = frame.data[0] & 0x7F
+        number = nmt.state_number(frame.data)
         self.nmt_state = NMT_STATES.get(number)
         # a heartbeat seems old if the clock is set while it is on its way
         self.heartbeat_time = max(frame.time, self.heartbeat_time or frame.time)
@@ -353,14 +362,18 @@ class AxisMonitor:
         """Update the status for the group; a drive without any frame has no state."""
         self.answers.end_cycle(sync_time)
         values, quirks = self._values, self.profile.quirks
-        self.position = values.get(pdo.POSITION)
+        self.position = values.get(indices.ACTUAL_POSITION)
         self.counts = self.encoder.counts or 0
-        self.statusword = word = values.get(pdo.STATUSWORD, 0)
+        self.statusword = word = values.get(indices.STATUSWORD, 0)
         is_enabled = word & ENABLED_MASK == ENABLED
         self.mode = (
-            values.get(pdo.MODE, 0) if is_enabled or not quirks.hides_mode else None
+            values.get(indices.MODE_DISPLAY, 0)
+            if is_enabled or not quirks.hides_mode
+            else None
         )
-        velocity = values.get(pdo.VELOCITY)  # by the drive, and by its positions
+        velocity = values.get(
+            indices.ACTUAL_VELOCITY
+        )  # by the drive, and by its positions
         self.at_rest = (
             velocity is not None
             and abs(velocity) < REST_SPEED

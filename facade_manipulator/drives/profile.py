@@ -12,8 +12,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from facade_manipulator.canopen import pdo
-from facade_manipulator.canopen.emergency import Fault
+from facade_manipulator.canopen import cob_ids, indices, pdo
+from facade_manipulator.canopen.emcy import Fault
+from facade_manipulator.canopen.nmt import SupervisedHeartbeat
 from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
@@ -22,11 +23,8 @@ from facade_manipulator.errors import file_sentence, NEXT, ParameterError
 from facade_manipulator.parameters import read_value
 from facade_manipulator.resources import config_path
 
-_INDEX, _NUMBER, _BOOLEAN = (
-    range(0x1000, 0x10000),
-    range(-(2**31), 2**32),
-    (False, True),
-)
+_NUMBER = range(-(2**31), 2**32)
+_BOOLEAN = (False, True)
 
 
 class InputPolarity(NamedTuple):
@@ -65,9 +63,9 @@ _SWITCHES = [name for name, value in Quirks()._asdict().items() if value is Fals
 
 # The values that an entry may have, all of one type; the other entries may have any value.
 _ALLOWED: dict[str, Sequence[Any]] = {
-    'index': _INDEX,
+    'index': indices.OBJECTS,
     'subindex': range(255),
-    'lost_master_reaction': _INDEX,
+    'lost_master_reaction': indices.OBJECTS,
     'cyclic_bit_4': CYCLIC_BIT_4,
     'boot_time': range(LONGEST_BOOT_TIME + 1),
     **dict.fromkeys(('required', 'loses_position', 'is_warning', *_SWITCHES), _BOOLEAN),
@@ -98,7 +96,7 @@ class DriveProfile:
         None  #: None where only the maker's tool has it
     )
     #: index of the reaction of the drive to a lost master; the value 0 disables it
-    lost_master_reaction: int = 0x6007
+    lost_master_reaction: int = indices.ABORT_CONNECTION_OPTION
     #: the maker's own meanings of error codes (603Fh, emergency messages)
     errors: Mapping[int, Fault] = field(default_factory=dict)
 
@@ -109,7 +107,10 @@ class DriveProfile:
     @property
     def heartbeat_consumer(self) -> tuple[int, int]:
         """Return index and subindex of the object that supervises the master's heartbeat."""
-        return self.location('master_heartbeat') or (0x1016, 1)
+        return self.location('master_heartbeat') or (
+            indices.CONSUMER_HEARTBEAT_TIME,
+            1,
+        )
 
     def applied(self, axis: AxisSettings) -> AxisSettings:
         """Return the settings of an axis with units, encoder and identity of its drive type."""
@@ -141,6 +142,9 @@ def quantities(
             axis.upper_limit + axis.limit_margin,
         )
     )
+    supervised = SupervisedHeartbeat(
+        cob_ids.MASTER_NODE_ID, round(1e3 * settings.heartbeat_timeout)
+    )
     return {
         'quick_stop_deceleration': _units(ramp, 'stop_deceleration'),
         'max_velocity': _units(axis, 'max_speed'),
@@ -149,8 +153,7 @@ def quantities(
         'homing_zero_speed': _units(axis, 'homing_speed', axis.homing_zero_share),
         'homing_acceleration': _units(ramp, 'homing_acceleration'),
         'max_motor_speed': _units(motor, 'max_speed'),
-        'master_heartbeat': pdo.MASTER_NODE_ID << 16
-        | round(1e3 * settings.heartbeat_timeout),
+        'master_heartbeat': supervised.encode(),
         'heartbeat_time': round(1e3 * settings.heartbeat_period),
         'following_error_window': abs(axis.to_counts(axis.following_error_window)),
         'following_error_time': round(1e3 * axis.following_error_time),
@@ -318,6 +321,6 @@ def _pdos(data: Any) -> tuple[Pdo, ...]:
                 f'no {kind} carries object {index:04X}, which every drive needs'
             )
     return tuple(
-        Pdo(name, tuple(pdo.KNOWN_OBJECTS[index] for index in indices))
-        for name, indices in content.items()
+        Pdo(name, tuple(pdo.KNOWN_OBJECTS[index] for index in mapped))
+        for name, mapped in content.items()
     )

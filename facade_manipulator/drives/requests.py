@@ -21,7 +21,7 @@ import gc
 from itertools import chain
 from typing import Any, NamedTuple
 
-from facade_manipulator.canopen import emergency, pdo
+from facade_manipulator.canopen import cob_ids, emcy
 from facade_manipulator.canopen.bus import CanBus
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.sdo import expedited_download, Result, Steps
@@ -97,7 +97,7 @@ class Session:
             settings,
             step_timeout=settings.step_timeout + max(axis.stop_time for axis in axes),
         )
-        emergency.read_faults()  # a first fault must not wait for the table
+        emcy.read_faults()  # a first fault must not wait for the table
         self._profiles = tuple(load_profile(axis.profile) for axis in axes)
         self.axes = tuple(
             profile.applied(axis)
@@ -174,7 +174,7 @@ class Session:
                 self.command('PRE-OPERATIONAL', used)
                 for one in without_power:  # the answers are not awaited
                     self.exchange.bus.send(
-                        pdo.SDO_REQUEST + one.axis.node_id,
+                        cob_ids.SDO_REQUEST + one.axis.node_id,
                         expedited_download(*one.profile.heartbeat_consumer, bytes(4)),
                     )
             self.exchange.bus.close()

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import math
 
+from facade_manipulator.canopen import indices
 from facade_manipulator.drives.states import (
     Controlword,
     Mode,
@@ -37,7 +38,10 @@ from facade_manipulator.simulation.drives.objects import Objects
 
 _LONGEST_STEP = 0.001  # s
 
-FOLLOWING_ERROR, SOFTWARE_LIMIT, SAFE_TORQUE_OFF = 0x8611, 0x8A82, 0x8A88
+# error codes
+FOLLOWING_ERROR = 0x8611
+SOFTWARE_LIMIT = 0x8A82
+SAFE_TORQUE_OFF = 0x8A88
 _LIMIT_SWITCH_ERRORS = dict(zip(LIMITS, (0x8A80, 0x8A81), strict=True))
 _NO_WINDOW = 0xFFFFFFFF
 
@@ -84,27 +88,31 @@ class SimulatedAxis:
         self._time = -math.inf
         objects.readers.update(
             {
-                (0x6041, 0): lambda: self.statusword,
-                (0x6061, 0): lambda: self._mode,
-                (0x6064, 0): lambda: _int32(motor.counts),
-                (0x606C, 0): lambda: _int32(motor.velocity * objects.units[0x606C]),
-                (0x6077, 0): lambda: (
+                (indices.STATUSWORD, 0): lambda: self.statusword,
+                (indices.MODE_DISPLAY, 0): lambda: self._mode,
+                (indices.ACTUAL_POSITION, 0): lambda: _int32(motor.counts),
+                (indices.ACTUAL_VELOCITY, 0): lambda: _int32(
+                    motor.velocity * objects.units[indices.ACTUAL_VELOCITY]
+                ),
+                (indices.ACTUAL_TORQUE, 0): lambda: (
                     round(motor.torque) * (self.state in POWERED_STATES)
                 ),
-                (0x60F4, 0): lambda: _int32(self.following_error),
-                (0x60FD, 0): lambda: motor.inputs,
+                (indices.ACTUAL_FOLLOWING_ERROR, 0): lambda: _int32(
+                    self.following_error
+                ),
+                (indices.DIGITAL_INPUTS, 0): lambda: motor.inputs,
             }
         )
         objects.choices |= {
-            (0x605A, 0): _QUICK_STOP_OPTIONS,
-            (0x605E, 0): [_POWER_OFF],
-            (0x6060, 0): self.modes,
+            (indices.QUICK_STOP_OPTION, 0): _QUICK_STOP_OPTIONS,
+            (indices.FAULT_REACTION_OPTION, 0): [_POWER_OFF],
+            (indices.MODE_OF_OPERATION, 0): self.modes,
         }
         objects.writers.update(
             {
                 # `control` may be replaced by a fault
-                (0x6040, 0): lambda controlword: self.control(controlword),
-                (0x6060, 0): self._set_mode,
+                (indices.CONTROLWORD, 0): lambda controlword: self.control(controlword),
+                (indices.MODE_OF_OPERATION, 0): self._set_mode,
             }
         )
 
@@ -166,7 +174,7 @@ class SimulatedAxis:
             # a repeated controlword does not cancel a stop by the drive itself
             is_permitted = (
                 command is not decode_command(before)
-                and self._values[0x605A, 0] == _KEEP_STANDING
+                and self._values[indices.QUICK_STOP_OPTION, 0] == _KEEP_STANDING
             )
         if is_permitted:
             self._obey(command)
@@ -186,8 +194,10 @@ class SimulatedAxis:
         ):
             if self._has_new_target():
                 self.cyclic.latch()
-            low, high = self._values[0x607D, 1], self._values[0x607D, 2]
-            if low < high and not low <= self._values[0x607A, 0] <= high:
+            low = self._values[indices.POSITION_LIMITS, 1]
+            high = self._values[indices.POSITION_LIMITS, 2]
+            target = self._values[indices.TARGET_POSITION, 0]
+            if low < high and not low <= target <= high:
                 self._report(SOFTWARE_LIMIT)
 
     def _has_new_target(self) -> bool:
@@ -217,7 +227,7 @@ class SimulatedAxis:
             self._stop = SpeedRamp(
                 motor.position + motor.velocity * motor.lag,
                 motor.velocity,
-                self._objects.counts(0x6085),
+                self._objects.counts(indices.QUICK_STOP_DECELERATION),
             )
 
     def fail(self, keeps_power: bool) -> None:
@@ -250,19 +260,26 @@ class SimulatedAxis:
         objects, motor, demand = self._objects, self._motor, self._demand
         acceleration = motor.peak_acceleration
         if not self._stop:
-            acceleration = min(max(objects.counts(0x60C5), 1.0), acceleration)
+            configured = objects.counts(indices.MAXIMUM_ACCELERATION)
+            acceleration = min(max(configured, 1.0), acceleration)
+        maximum_speed = min(
+            objects.counts(indices.MAXIMUM_VELOCITY),
+            objects.counts(indices.MAXIMUM_MOTOR_SPEED),
+            motor.peak_speed,
+        )
         speed = demand.step(step)
         motor.follow(
             demand.position,
             speed,
             step,
-            min(objects.counts(0x607F), objects.counts(0x6080), motor.peak_speed),
+            maximum_speed,
             acceleration,
         )
-        window = self._values[0x6065, 0]
+        window = self._values[indices.FOLLOWING_ERROR_WINDOW, 0]
         is_late = window != _NO_WINDOW and abs(self.following_error) > window
         self._late = self._late + step if is_late else 0.0
-        if is_late and self._late * 1e3 > self._values[0x6066, 0]:
+        longest = self._values[indices.FOLLOWING_ERROR_TIME, 0]
+        if is_late and 1e3 * self._late > longest:
             self._report(FOLLOWING_ERROR)
         inputs = motor.inputs
         entered, self._switches = inputs & ~self._switches, inputs
@@ -273,7 +290,7 @@ class SimulatedAxis:
         if stop and stop.speed == 0.0 and abs(motor.velocity) < STANDSTILL:
             if self.state is State.FAULT_REACTION_ACTIVE:
                 self._enter(State.FAULT)
-            elif self._values[0x605A, 0] != _KEEP_STANDING:
+            elif self._values[indices.QUICK_STOP_OPTION, 0] != _KEEP_STANDING:
                 self._enter(State.SWITCH_ON_DISABLED)
 
 

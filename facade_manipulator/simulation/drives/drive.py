@@ -20,7 +20,8 @@ import math
 from canopen.lss import LssMaster
 from canopen.nmt import NMT_COMMANDS
 
-from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen import cob_ids, indices, sync
+from facade_manipulator.canopen.nmt import SupervisedHeartbeat
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.profile import DriveProfile, load_profile
 from facade_manipulator.simulation.drives.axis import SAFE_TORQUE_OFF, SimulatedAxis
@@ -32,7 +33,11 @@ from facade_manipulator.simulation.drives.motor import (
 from facade_manipulator.simulation.drives.objects import Frame, Objects
 from facade_manipulator.simulation.drives.pdo import ProcessData
 
-HEARTBEAT_LOST, PDO_TOO_SHORT = 0x8130, 0x8210
+# error codes
+HEARTBEAT_LOST = 0x8130
+PDO_TOO_SHORT = 0x8210
+
+_SUPERVISED_HEARTBEAT = (indices.CONSUMER_HEARTBEAT_TIME, 1)
 
 _MOTION_PERIOD = 0.02  # s: period of the calls of a moving drive without a SYNC
 _BOOT_TIME = 0.05  # s
@@ -71,10 +76,11 @@ class SimulatedDrive:
         self.is_deaf = False  #: fault: the drive ignores RPDOs, but serves SDO
         self.errors: list[int] = []  #: codes of the present errors, the newest last
         objects.readers |= {
-            (0x1001, 0): lambda: int(bool(self.errors)),  # only the bit of all errors
-            (0x603F, 0): lambda: self.errors[-1] if self.errors else 0,
+            # only the bit of all errors
+            (indices.ERROR_REGISTER, 0): lambda: int(bool(self.errors)),
+            (indices.ERROR_CODE, 0): lambda: self.errors[-1] if self.errors else 0,
         }
-        objects.writers[0x1016, 1] = self._forget_master
+        objects.writers[_SUPERVISED_HEARTBEAT] = self._forget_master
         if polarity := profile.input_polarity:
             motor.inverted = lambda: (
                 objects.values.get(polarity[:2], 0) >> polarity.shift
@@ -126,18 +132,18 @@ class SimulatedDrive:
     def _next_sync(self) -> float:
         """Return the time of the next SYNC that the drive produces [s]."""
         values = self.objects.values
-        is_producer = values[pdo.SYNC_OBJECT, 0] & pdo.SYNC_PRODUCER
+        is_producer = values[indices.COB_ID_SYNC, 0] & sync.PRODUCER
         is_silent = self._boot_at < math.inf or self.objects.nmt.state == 'STOPPED'
         if not is_producer or is_silent:
             return math.inf
-        period = 1e-6 * values.get((pdo.SYNC_PERIOD_OBJECT, 0), 0)
+        period = 1e-6 * values.get((indices.SYNC_PERIOD, 0), 0)
         return self._last_sync + period if period else math.inf
 
     def _send_sync(self) -> None:
         self._last_sync = self.now
-        self.objects.outbox.send_message(pdo.SYNC_COB_ID, b'')
+        self.objects.outbox.send_message(cob_ids.SYNC, b'')
         if self.objects.nmt.state == 'OPERATIONAL':
-            self._on_sync(pdo.SYNC_COB_ID, b'', self.now)
+            self._on_sync(cob_ids.SYNC, b'', self.now)
 
     def _service(
         self, cob_id: int, length: int
@@ -152,14 +158,14 @@ class SimulatedDrive:
             return self._on_lss if length == 8 else None
         if self.node_id == UNCONFIGURED:
             return None
-        if cob_id == pdo.NMT_COB_ID:
+        if cob_id == cob_ids.NMT:
             return self._on_nmt if length == 2 else None
         state, values = self.objects.nmt.state, self.objects.values
-        # node id of the master and time-out in ms; a drive without 1016h supervises no master
-        consumer = values.get((0x1016, 1), 0)
-        if consumer & 0xFFFF and cob_id == pdo.HEARTBEAT + (consumer >> 16):
+        master, timeout = self._supervised_heartbeat
+        if timeout and cob_id == cob_ids.HEARTBEAT + master:
             return self._on_heartbeat if length == 1 else None
-        if state == 'OPERATIONAL' and cob_id == values[0x1005, 0] & 0x7FF:
+        sync_cob_id = values[indices.COB_ID_SYNC, 0] & cob_ids.COB_ID_BITS
+        if state == 'OPERATIONAL' and cob_id == sync_cob_id:
             return self._on_sync if not length else None
         if state == 'OPERATIONAL' and cob_id in self._pdo.received:
             return None if self.is_deaf else self._pdo.receive
@@ -173,8 +179,14 @@ class SimulatedDrive:
         self._pdo.latch()
         self.axis.latch()
 
+    @property
+    def _supervised_heartbeat(self) -> SupervisedHeartbeat:
+        """Return the heartbeat of the master; a drive without 1016h supervises none."""
+        value = self.objects.values.get(_SUPERVISED_HEARTBEAT, 0)
+        return SupervisedHeartbeat.decode(value)
+
     def _on_heartbeat(self, cob_id: int, data: bytes, now: float) -> None:
-        self._master_due = now + (self.objects.values[0x1016, 1] & 0xFFFF) * 1e-3
+        self._master_due = now + 1e-3 * self._supervised_heartbeat.timeout
         if HEARTBEAT_LOST in self.errors:
             self.errors.remove(HEARTBEAT_LOST)
             self._announce()
@@ -248,7 +260,9 @@ class SimulatedDrive:
     def _announce(self) -> None:
         """Send an emergency message with the newest present error, or with code 0 for no error."""
         if self.objects.nmt.state != 'STOPPED':
-            self.objects.emcy.send(*map(self.objects.read, [(0x603F, 0), (0x1001, 0)]))
+            code = self.objects.read((indices.ERROR_CODE, 0))
+            register = self.objects.read((indices.ERROR_REGISTER, 0))
+            self.objects.emcy.send(code, register)
 
     def _reset_errors(self) -> bool:
         """Reset the errors; return whether no error is left."""
@@ -283,5 +297,5 @@ class SimulatedDrive:
 
         """
         for subindex, number in enumerate(numbers, start=1):
-            self.objects.defaults[0x1018, subindex] = number
+            self.objects.defaults[indices.IDENTITY, subindex] = number
         self.reboot()

@@ -16,6 +16,7 @@ import struct
 
 from canopen import lss
 
+from facade_manipulator.canopen import indices
 from facade_manipulator.simulation.drives.objects import Key
 
 UNCONFIGURED = 255
@@ -62,7 +63,9 @@ class LssSlave:
     def _select(self, part: int, data: bytes) -> list[int] | None:
         """Select the drive by four numbers in successive requests."""
         (number,) = struct.unpack_from('<xI', data)
-        matches = part == self._matched and number == self._values[0x1018, part + 1]
+        matches = (
+            part == self._matched and number == self._values[indices.IDENTITY, part + 1]
+        )
         self._matched = (part + 1) % 4 if matches else 0
         is_complete = matches and part == 3
         self.is_selected |= is_complete
@@ -75,7 +78,7 @@ class LssSlave:
         elif (
             part != self._scanned
             or bit > 31
-            or (number ^ self._values[0x1018, part + 1]) >> bit
+            or (number ^ self._values[indices.IDENTITY, part + 1]) >> bit
         ):
             return None
         elif bit == _FULL_CHECK and following != part:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 
+from facade_manipulator.canopen import indices
 from facade_manipulator.drives.states import Controlword, Status
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.simulation.drives.objects import Objects
@@ -85,12 +86,14 @@ class CyclicPosition(Idle):
 
     def target(self) -> float:
         """Return the target position [counts] from the middle of the rail."""
-        return self._objects.values[0x607A, 0] - self._motor.offset
+        return self._objects.values[indices.TARGET_POSITION, 0] - self._motor.offset
 
     def latch(self) -> None:
         """Latch a target, reached after one interpolation period; a period of 0 makes a step."""
         values = self._objects.values
-        self._remaining = values[0x60C2, 1] * 10.0 ** min(values[0x60C2, 2], 0)
+        value = values[indices.INTERPOLATION_PERIOD, 1]
+        power = values[indices.INTERPOLATION_PERIOD, 2]
+        self._remaining = value * 10.0 ** min(power, 0)
         if self._remaining > 0.0:
             self.speed = (self.target() - self.position) / self._remaining
         else:
@@ -120,7 +123,7 @@ class Homing(Idle):
 
     def __init__(self, objects: Objects, motor: SimulatedMotor) -> None:
         super().__init__(objects, motor)
-        objects.choices[0x6098, 0] = {
+        objects.choices[indices.HOMING_METHOD, 0] = {
             0
         } | _METHODS.keys() & objects.profile.homing_methods
 
@@ -135,9 +138,9 @@ class Homing(Idle):
         if not start:
             self._home = None
         elif not before & Controlword.HOMING_START:
-            self._home = self._find_home(self._objects.values[0x6098, 0])
+            self._home = self._find_home(self._objects.values[indices.HOMING_METHOD, 0])
             self.attained, self._failed = False, self._home is None
-            self.acceleration = self._objects.counts(0x609A)
+            self.acceleration = self._objects.counts(indices.HOMING_ACCELERATION)
 
     def _find_home(self, method: int) -> float | None:
         """Return the home position [counts], None if the method or its switch is missing."""
@@ -161,7 +164,7 @@ class Homing(Idle):
             way, profile = self._home - self.position, self._objects.profile
             self.goal = math.copysign(
                 min(
-                    self._objects.counts(0x6099, 1),
+                    self._objects.counts(indices.HOMING_SPEEDS, 1),
                     math.sqrt(2.0 * self.acceleration * abs(way)),
                 ),
                 way,
@@ -170,7 +173,8 @@ class Homing(Idle):
                 abs(way) < 1.0 + 2.0 * self.acceleration * step * step
             ):  # reached while braking
                 offset = profile.location('home_offset')  # from home to the new zero
-                place = offset or profile.location('home_position') or (0x607C, 0)
+                home = profile.location('home_position')
+                place = offset or home or (indices.HOME_OFFSET, 0)
                 at_home = self._objects.values[place] * (-1 if offset else 1)
                 self._motor.offset = at_home - round(self._home)
                 self._home, self.attained = None, True

@@ -25,7 +25,9 @@ from typing import Any
 from canopen import LocalNode, ObjectDictionary, SdoAbortedError
 from canopen.sdo import constants
 
+from facade_manipulator.canopen import indices
 from facade_manipulator.canopen.eds import read_dictionary, variables
+from facade_manipulator.canopen.pdo import MAPPING_OFFSET
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.profile import DriveProfile
 from facade_manipulator.errors import ParameterError
@@ -33,33 +35,69 @@ from facade_manipulator.errors import ParameterError
 Key = tuple[int, int]
 Frame = tuple[int, bytes]
 
-_COMMUNICATION = range(0x1000, 0x2000)
-_STORE, _SAVE = (0x1010, 1), int.from_bytes(b'save', 'little')
-_ABSENT = (
-    0x1003,
-    0x1011,
-)  # in the EDS: the simulated drives neither list errors nor restore
+_STORE = (indices.STORE_PARAMETERS, 1)
+_SAVE = int.from_bytes(b'save', 'little')
+# in the EDS: the simulated drives neither list errors nor restore
+_ABSENT = (indices.ERROR_FIELD, indices.RESTORE_PARAMETERS)
 # that services, modes and motor read; a drive may lack 1016h
 _NEEDED = {
-    *((index, 0) for index in (0x1005, 0x1017, 0x6040, 0x605A, 0x6060, 0x6065, 0x6066)),
-    *((index, 0) for index in (0x607A, 0x607F, 0x6080, 0x6085, 0x6098, 0x609A, 0x60C5)),
-    *((0x1018, subindex) for subindex in (1, 2, 3, 4)),
-    *((index, subindex) for index in (0x607D, 0x6099, 0x60C2) for subindex in (1, 2)),
+    (indices.COB_ID_SYNC, 0),
+    (indices.PRODUCER_HEARTBEAT_TIME, 0),
+    *((indices.IDENTITY, subindex) for subindex in (1, 2, 3, 4)),
+    (indices.CONTROLWORD, 0),
+    (indices.QUICK_STOP_OPTION, 0),
+    (indices.MODE_OF_OPERATION, 0),
+    (indices.FOLLOWING_ERROR_WINDOW, 0),
+    (indices.FOLLOWING_ERROR_TIME, 0),
+    (indices.TARGET_POSITION, 0),
+    (indices.POSITION_LIMITS, 1),
+    (indices.POSITION_LIMITS, 2),
+    (indices.MAXIMUM_VELOCITY, 0),
+    (indices.MAXIMUM_MOTOR_SPEED, 0),
+    (indices.QUICK_STOP_DECELERATION, 0),
+    (indices.HOMING_METHOD, 0),
+    (indices.HOMING_SPEEDS, 1),
+    (indices.HOMING_SPEEDS, 2),
+    (indices.HOMING_ACCELERATION, 0),
+    (indices.INTERPOLATION_PERIOD, 1),
+    (indices.INTERPOLATION_PERIOD, 2),
+    (indices.MAXIMUM_ACCELERATION, 0),
 }
-_MAPPING = 0x200  # from a communication parameter of a PDO to its mapping parameter
-_COMMANDS = {0x1010, 0x6040, 0x6060, 0x607A}  # writable, never stored
+# writable, never stored
+_COMMANDS = {
+    indices.STORE_PARAMETERS,
+    indices.CONTROLWORD,
+    indices.MODE_OF_OPERATION,
+    indices.TARGET_POSITION,
+}
+# of the units of speeds and accelerations in the profile of a drive
+_SPEEDS = (
+    indices.ACTUAL_VELOCITY,
+    indices.MAXIMUM_VELOCITY,
+    indices.HOMING_SPEEDS,
+)
+_MOTOR_SPEEDS = (indices.MAXIMUM_MOTOR_SPEED,)
+_ACCELERATIONS = (
+    indices.PROFILE_DECELERATION,
+    indices.QUICK_STOP_DECELERATION,
+    indices.HOMING_ACCELERATION,
+    indices.MAXIMUM_ACCELERATION,
+)
 
 
 @lru_cache(maxsize=16)
 def _dictionary(eds: Path, node_id: int) -> ObjectDictionary:
     """Return the objects in an EDS; raises a ParameterError if a simulated drive needs others."""
     dictionary = read_dictionary(eds, node_id)
-    pdos = [*range(0x1400, 0x1600), *range(0x1800, 0x1A00)]
+    pdos = [
+        *range(indices.RPDO_COMMUNICATION, indices.RPDO_MAPPING),
+        *range(indices.TPDO_COMMUNICATION, indices.TPDO_MAPPING),
+    ]
     lacking = {index for index, _ in _NEEDED - variables(dictionary).keys()}
     lacking |= {
-        index + _MAPPING
+        index + MAPPING_OFFSET
         for index in pdos
-        if index in dictionary and index + _MAPPING not in dictionary
+        if index in dictionary and index + MAPPING_OFFSET not in dictionary
     }
     if lacking:
         names = ', '.join(f'{index:04X}h' for index in sorted(lacking))
@@ -140,12 +178,12 @@ class Objects(LocalNode):
         #: units of speeds per count/s, and of accelerations per count/s², by index
         self.units = {
             index: replace(axis, velocity_unit=unit).velocity_units_per_count
-            for unit, indices in (
-                (profile.velocity_unit, (0x606C, 0x607F, 0x6099)),
-                (profile.motor_speed_unit, (0x6080,)),
-                (profile.acceleration_unit, (0x6084, 0x6085, 0x609A, 0x60C5)),
+            for unit, quantities in (
+                (profile.velocity_unit, _SPEEDS),
+                (profile.motor_speed_unit, _MOTOR_SPEEDS),
+                (profile.acceleration_unit, _ACCELERATIONS),
             )
-            for index in indices
+            for index in quantities
         }
 
     def restart(self, node_id: int, keeps_application: bool) -> None:
@@ -177,7 +215,7 @@ class Objects(LocalNode):
         self.values.update(
             (key, value)
             for key, value in initial.items()
-            if not keeps_application or key[0] in _COMMUNICATION
+            if not keeps_application or key[0] in indices.COMMUNICATION
         )
 
     def _store(self, signature: int) -> None:

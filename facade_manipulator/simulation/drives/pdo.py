@@ -20,11 +20,11 @@ from canopen import SdoAbortedError
 from canopen.pdo.base import PDO_NOT_VALID, PdoBase, PdoMap
 from canopen.sdo import constants
 
+from facade_manipulator.canopen import indices
+from facade_manipulator.canopen.pdo import MAPPING_OFFSET, Pdo, PDO_NAMES
 from facade_manipulator.simulation.drives.objects import Objects
 
-_PARAMETERS = (*range(0x1400, 0x1404), *range(0x1800, 0x1804))
-_MAPPING = 0x200  # from a communication parameter to its mapping parameter
-_CONTROLWORD = 0x6040
+_PARAMETERS = [Pdo(name).communication_index for name in PDO_NAMES]
 
 
 class ProcessData:
@@ -39,7 +39,7 @@ class ProcessData:
         for communication in _PARAMETERS:
             objects.writers[communication, 1] = self.forget
             for subindex in range(9):
-                objects.writers[communication + _MAPPING, subindex] = partial(
+                objects.writers[communication + MAPPING_OFFSET, subindex] = partial(
                     self._check_mapping, communication, subindex
                 )
 
@@ -53,7 +53,7 @@ class ProcessData:
         """Reject an entry while the PDO or its count is enabled, and an unmappable entry."""
         values = self._objects.values
         is_enabled = not values[communication, 1] & PDO_NOT_VALID
-        if is_enabled or subindex and values[communication + _MAPPING, 0]:
+        if is_enabled or subindex and values[communication + MAPPING_OFFSET, 0]:
             raise SdoAbortedError(constants.ABORT_APPLICATION_DEVICE_STATE)
         variable = self._objects.variables.get((value >> 16, value >> 8 & 0xFF))
         if subindex and (
@@ -101,7 +101,7 @@ class ProcessData:
             # the controlword last, because it acts on the mode and the target that the frames
             # contain
             for variable in sorted(
-                rpdo.map, key=lambda each: each.index == _CONTROLWORD
+                rpdo.map, key=lambda each: each.index == indices.CONTROLWORD
             ):
                 if rpdo.is_received:
                     with suppress(

@@ -17,25 +17,26 @@ from canopen.lss import (
     LssMaster,
 )
 
-from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen import cob_ids, indices
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.sdo import (
     complete_answer,
+    expedited_number,
     Result,
     SDO_FRAME_LENGTH,
     SdoChannel,
     Steps,
+    upload_request,
 )
 from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutError
 
-NODE_IDS = range(1, pdo.MASTER_NODE_ID)
+NODE_IDS = range(1, cob_ids.MASTER_NODE_ID)
 BOOT_TIMEOUT = 5.0  # s
 _CONFIRMING_TIME = 0.5  # s, for the answer to a command that is not part of a scan
 STORING_TIME = 3.0  # s; CiA 305 has no bound; drives needed more than 0.3 s
 _LISTENING_TIME = 0.6  # s: several periods of a driver's heartbeat
-_ASK_SERIAL_NUMBER = bytes.fromhex('4018100400000000')  # SDO upload of 1018h:04
-_EXPEDITED_UPLOAD = 0x42  # bits of an SDO answer that contains the value
+_ASK_SERIAL_NUMBER = upload_request(indices.IDENTITY, 4)
 _LOOK_PERIOD = 0.02  # s, between two checks of a condition on a quiet bus
 _PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
 _ANSWER = 0.25  # s
@@ -46,7 +47,7 @@ _ANSWERS = {
     CS_FAST_SCAN: CS_IDENTIFY_SLAVE,
     CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER: CS_SWITCH_STATE_SELECTIVE_RESPONSE,
 }
-_SYNC = pdo.frames_of_masters(())[pdo.SYNC_COB_ID][0]
+_SYNC = cob_ids.frames_of_masters(())[cob_ids.SYNC][0]
 _MASTER_REMEDY = 'end the driver or the other tool'
 _SYNC_REMEDY = (
     f'{_MASTER_REMEDY}; without one a drive sends SYNC itself: clear bit 30 of its 1005h '
@@ -116,7 +117,7 @@ class ToolBus:
     def require_alone(self) -> None:
         """Raise a DriveStateError if frames of another master are received."""
         self.wait(_LISTENING_TIME)
-        masters = pdo.frames_of_masters(NODE_IDS)
+        masters = cob_ids.frames_of_masters(NODE_IDS)
         if heard := [
             masters[one.cob_id][0] for one in self._received if one.cob_id in masters
         ]:
@@ -129,18 +130,16 @@ class ToolBus:
         """Return every serial number received from each node id; all nodes are asked together."""
         self._received.clear()
         for node_id in node_ids:
-            self.frames.send(pdo.SDO_REQUEST + node_id, _ASK_SERIAL_NUMBER)
+            self.frames.send(cob_ids.SDO_REQUEST + node_id, _ASK_SERIAL_NUMBER)
             self.wait(_PACE)
         self.wait(_ANSWER)
         found: dict[int, list[int]] = defaultdict(list)
         for frame in self._received:
-            node_id = frame.cob_id - pdo.SDO_RESPONSE
+            node_id = frame.cob_id - cob_ids.SDO_RESPONSE
             answer = complete_answer(frame.data)
             if node_id in NODE_IDS and answer is not None:
-                # otherwise there is no serial number
-                is_number = answer[0] & _EXPEDITED_UPLOAD == _EXPEDITED_UPLOAD
-                number = int.from_bytes(answer[4:], 'little')
-                found[node_id].append(number if is_number else 0)
+                # 0 for a drive without a serial number
+                found[node_id].append(expedited_number(answer) or 0)
         return found
 
     def number(self, node_id: int, index: int, subindex: int = 0) -> int | None:
@@ -153,7 +152,7 @@ class ToolBus:
     def objects(self, node_id: int, name: str, eds: Path | None = None) -> SdoChannel:
         """Return the objects of a node; `name` is the drive's name for the operator."""
         objects = SdoChannel(self.frames, node_id, name, eds, self._clock)
-        self.receivers[pdo.SDO_RESPONSE + node_id] = objects.receive
+        self.receivers[cob_ids.SDO_RESPONSE + node_id] = objects.receive
         return objects
 
     def reset(self, node_id: int, boot_time: float = 0.0) -> None:
@@ -166,7 +165,7 @@ class ToolBus:
         timeout = max(boot_time, BOOT_TIMEOUT)
         self._received.clear()
         self.frames.command('RESET', node_id)
-        boot_up = pdo.HEARTBEAT + node_id
+        boot_up = cob_ids.HEARTBEAT + node_id
         if not self.wait_for(
             lambda: any(one.cob_id == boot_up for one in self._received), timeout
         ):

@@ -17,10 +17,10 @@ from typing import Any
 
 import yaml
 
+from facade_manipulator.canopen import indices
 from facade_manipulator.canopen.bus import CanBus, open_bus
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.link import BusSettings
-from facade_manipulator.canopen.pdo import STATUSWORD
 from facade_manipulator.canopen.sdo import SdoChannel
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
@@ -203,7 +203,7 @@ class Context:
                     'commission assign'
                 )
             drive = bus.objects(node_id, name, eds)
-            state = decode_state(bus.run(drive.read_number(STATUSWORD)))
+            state = decode_state(bus.run(drive.read_number(indices.STATUSWORD)))
             if state is None or state in POWERED_STATES:
                 shown = state.value if state else 'an unknown statusword'
                 raise CommissioningError(

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from facade_manipulator.canopen.pdo import POSITION
+from facade_manipulator.canopen import indices
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import AxisSnapshot
@@ -40,7 +40,7 @@ def run_direction(context: Context) -> None:
     with context.drive(name) as (bus, drive):
 
         def position() -> int:
-            return bus.run(drive.read_number(POSITION, signed=True))
+            return bus.run(drive.read_number(indices.ACTUAL_POSITION, signed=True))
 
         start = position()
 

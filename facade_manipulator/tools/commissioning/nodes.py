@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 from canopen.lss import LssError, LssMaster
 
+from facade_manipulator.canopen import indices
 from facade_manipulator.drives import configuration
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.profile import fitting_profile
@@ -26,7 +27,6 @@ from facade_manipulator.tools.commissioning.bus import (
 )
 from facade_manipulator.tools.commissioning.context import Context
 
-DEVICE_TYPE = 0x1000
 UNCONFIGURED = 255
 _BOOTING = 0.5  # s
 
@@ -56,7 +56,9 @@ def run_scan(context: Context) -> None:
                 )
                 print(f'{node_id:<4}  {shown}')
                 continue
-            vendor, product = (bus.number(node_id, 0x1018, part) for part in (1, 2))
+            vendor, product = (
+                bus.number(node_id, indices.IDENTITY, part) for part in (1, 2)
+            )
             kind = (
                 fitting_profile(vendor, product)
                 if _is_drive(bus, node_id)
@@ -82,7 +84,9 @@ def run_scan(context: Context) -> None:
 
 def _is_drive(bus: ToolBus, node_id: int) -> bool:
     """Return whether a node is a drive instead of an I/O module."""
-    return (bus.number(node_id, DEVICE_TYPE) or 0) & 0xFFFF == configuration.DEVICE_TYPE
+    return (
+        bus.number(node_id, indices.DEVICE_TYPE) or 0
+    ) & 0xFFFF == configuration.DEVICE_TYPE
 
 
 def _fast_scan(
@@ -213,6 +217,6 @@ def _configure(
     master.send_switch_state_global(LssMaster.WAITING_STATE)
     bus.frames.command('RESET COMMUNICATION', 0)
     bus.wait_for(
-        lambda: selected and bus.number(node_id, DEVICE_TYPE) is not None,
+        lambda: selected and bus.number(node_id, indices.DEVICE_TYPE) is not None,
         BOOT_TIMEOUT if selected else _BOOTING,
     )

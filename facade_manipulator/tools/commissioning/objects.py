@@ -18,6 +18,7 @@ from typing import Any
 from canopen import export_od, ObjectDictionaryError
 from canopen.objectdictionary import datatypes, ODVariable
 
+from facade_manipulator.canopen import indices
 from facade_manipulator.canopen.eds import read_dictionary, variables
 from facade_manipulator.canopen.pdo import Write
 from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel, Steps
@@ -28,22 +29,20 @@ from facade_manipulator.errors import CommissioningError, DriveObjectError
 from facade_manipulator.resources import atomic_write
 from facade_manipulator.tools.commissioning.context import Context
 
-TYPE = ((0x1018, 1), (0x1018, 2))
-IDENTITY = (*TYPE, (0x1018, 3), (0x1018, 4))
+TYPE = ((indices.IDENTITY, 1), (indices.IDENTITY, 2))
+IDENTITY = (*TYPE, (indices.IDENTITY, 3), (indices.IDENTITY, 4))
 _CYCLIC_POSITION = 1 << 7  # in 6502h
+# writable, but not settings
 _COMMANDS = {
-    0x1003,
-    0x1010,
-    0x1011,
-    0x6040,
-    0x6060,
-    0x607A,
-    0x60FF,
-    0x6071,
-}  # not settings
-_COMMUNICATION = range(
-    0x1000, 0x2000
-)  # communication; `configure` writes these objects
+    indices.ERROR_FIELD,
+    indices.STORE_PARAMETERS,
+    indices.RESTORE_PARAMETERS,
+    indices.CONTROLWORD,
+    indices.MODE_OF_OPERATION,
+    indices.TARGET_TORQUE,
+    indices.TARGET_POSITION,
+    indices.TARGET_VELOCITY,
+}
 _STORING_TIME = 5.0  # s
 _ALL_BITS = -1  # mask of an object of any size
 _NOT_STORED = (
@@ -106,7 +105,7 @@ def differences(
 
     if not (yield from configuration.stops_without_master(drive, profile)):
         found.append('it does not stop when this computer is silent (1016h with 6007h)')
-    modes = yield from read(0x6502, 0)
+    modes = yield from read(indices.SUPPORTED_MODES, 0)
     if modes is not None and not modes & _CYCLIC_POSITION:
         found.append(
             f'it has no cyclic synchronous position (6502h = {modes:X}h, bit 7)'
@@ -169,7 +168,7 @@ def run_restore(context: Context) -> None:
         writes = [
             _write(key, objects[key])
             for key, value in present.items()
-            if key[0] not in _COMMUNICATION
+            if key[0] not in indices.COMMUNICATION  # `configure` writes these
             and key not in profile.of_place
             and objects[key].value not in (None, value)
         ]
@@ -193,7 +192,7 @@ def run_restore(context: Context) -> None:
             f'and on, then commission restore {name} {path}'
         )
         drive.response_timeout = _STORING_TIME
-        bus.run(drive.write(0x1010, 1, b'save'))
+        bus.run(drive.write(indices.STORE_PARAMETERS, 1, b'save'))
         bus.reset(drive.node_id, profile.quirks.boot_time)
         compared = bus.run(configuration.check(drive, writes))
         if lost := compared.problems:

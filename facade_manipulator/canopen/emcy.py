@@ -1,0 +1,67 @@
+"""
+Emergency messages: their error code; text, remedy and reaction by error code.
+
+References
+----------
+CiA 301: emergency object and error codes; IEC 61800-7-201 (CiA 402-2): error codes of drives.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import NamedTuple
+
+import yaml
+
+from facade_manipulator.resources import config_path
+
+ERROR_CODE_LENGTH = 2  # bytes; an emergency message begins with its error code
+
+
+class Fault(NamedTuple):
+    """Meaning of an error code; all three drives stop, unless it is a warning."""
+
+    message: str  #: description; that of a received fault ends with the code
+    #: action of the operator before the next clear_faults
+    remedy: str = 'look up the error code in the manual of the drive'
+    #: whether the drive's position can no longer be trusted: all lose power and home again
+    loses_position: bool = False
+    is_warning: bool = False  #: a warning of the maker, which does not stop the drives
+
+
+@cache
+def read_faults() -> dict[str, Fault]:
+    """
+    Return the faults by code, in which x is any digit.
+
+    The first call reads the table in 10 to 50 ms. A control loop calls it before its first cycle.
+    """
+    rows = yaml.safe_load(config_path('error_codes.yaml').read_text('utf-8'))
+    return {code: Fault(**row) for code, row in rows.items()}
+
+
+def fault(code: int, own: Mapping[int, Fault]) -> Fault:
+    """
+    Return the meaning of an error code of 603Fh or of an emergency message.
+
+    `own` contains the codes to which the maker of the drive gives another meaning. Otherwise the
+    row of the table with the fewest x applies.
+    """
+    digits = f'{code:04X}'
+    rows = (
+        read_faults().get(digits[:known].ljust(4, 'x')) for known in (4, 3, 2, 1, 0)
+    )
+    found = own.get(code) or next(filter(None, rows))
+    return found._replace(message=f'{found.message} (error code {code:04X}h)')
+
+
+def error_code(data: bytes) -> int:
+    """Return the error code of an emergency message."""
+    return int.from_bytes(data[:ERROR_CODE_LENGTH], 'little')
+
+
+def is_error_reset(code: int) -> bool:
+    """Return whether an emergency message reports the end of errors."""
+    return code & 0xFF00 == 0
