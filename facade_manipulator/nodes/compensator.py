@@ -16,7 +16,6 @@ from geometry_msgs.msg import (
     WrenchStamped,
 )
 from nav_msgs.msg import Odometry
-from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator import topics
@@ -35,6 +34,7 @@ from facade_manipulator.errors import InputError, ManipulatorError, NEXT
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.planar import millimetres
 from facade_manipulator.nodes import conversions, messages
+from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.conversions import (
     pose_stamped,
     ros_time,
@@ -71,13 +71,11 @@ def stamp_of(goal: PoseStamped) -> str:
     return messages.stamp_text(given if given != Time() else stamp(ros_time()))
 
 
-class CompensatorNode(Node):
+class CompensatorNode(BaseNode):
     """Compensator node, which keeps the head at its place on the wall while the gondola moves."""
 
-    own_name = 'compensator'
-
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__(self.own_name, **kwargs)
+        super().__init__('compensator', **kwargs)
         geometry = declare(self, Geometry, 'geometry')
         rate = declare(self, RateSettings).rate
         self._compensator = Compensator(

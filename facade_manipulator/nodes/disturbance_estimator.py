@@ -11,7 +11,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
-from rclpy.node import Node
 from sensor_msgs.msg import Imu, Range
 
 from facade_manipulator import topics
@@ -23,6 +22,7 @@ from facade_manipulator.estimation.inputs import LARGEST_FORCE, LARGEST_RATE
 from facade_manipulator.estimation.settings import EstimatorSetup, SensorNames
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import POSE_AXES
+from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.conversions import (
     fill_pose,
     stamp,
@@ -48,13 +48,11 @@ OUTLIER_BOUND = 0.5  # share of outliers since the previous look
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw in a covariance of six
 
 
-class DisturbanceEstimatorNode(Node):
+class DisturbanceEstimatorNode(BaseNode):
     """Estimator node, which publishes the pose and the velocity of the rail at a fixed rate."""
 
-    own_name = 'disturbance_estimator'
-
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__(self.own_name, **kwargs)
+        super().__init__('disturbance_estimator', **kwargs)
         setup = EstimatorSetup.read(declare(self, SensorNames), partial(declare, self))
         self._estimator = DisturbanceEstimator(setup)
         self._motion: RailMotion | None = None

@@ -10,7 +10,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from facade_manipulator import topics
@@ -23,6 +22,7 @@ from facade_manipulator.motion.reference import (
 )
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream, STREAM_GAP
 from facade_manipulator.nodes import conversions, messages
+from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.conversions import (
     joint_state,
     pose_stamped,
@@ -43,13 +43,11 @@ REASON = 'reason', 'quantity', 'value', 'bound', 'unit'  # of a rejected request
 LEAD = 0.05  # s, by which the setpoints of an approach are sent ahead of their time
 
 
-class IkServiceNode(Node):
+class IkServiceNode(BaseNode):
     """Inverse kinematics node for the stream of corrected poses and for requests."""
 
-    own_name = 'ik_service'
-
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__(self.own_name, **kwargs)
+        super().__init__('ik_service', **kwargs)
         geometry = declare(self, Geometry, 'geometry')
         self._stream = SetpointStream(geometry, declare(self, GoalSettings))
         self._approach = ReferencePath(declare(self, ReferenceSettings, 'approach'))

@@ -11,6 +11,7 @@ from rclpy.lifecycle import LifecycleNode
 from std_srvs.srv import Trigger
 
 from facade_manipulator.errors import attributed, ManipulatorError
+from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.conversions import steady_timer
 from facade_manipulator.nodes.workarounds import answer_later, LifecycleMachine
 from facade_manipulator.topics import Service
@@ -21,7 +22,7 @@ LOOK_PERIOD = 0.2  # s, between two checks whether a missing interface has appea
 OnReply = Callable[[Any], None]
 
 
-class ManagedNode(LifecycleNode):
+class ManagedNode(BaseNode, LifecycleNode):
     """
     Lifecycle node whose transitions are requests to another process.
 
@@ -43,16 +44,17 @@ class ManagedNode(LifecycleNode):
         super().__init__(name, **kwargs)
         self.transitions: Mapping[str, Callable[[OnReply], None]] = {}
         self.last_failure = ''
-        self._machine = LifecycleMachine(self, self._change_state)
+        self._machine = LifecycleMachine(self, self.owned(self._change_state))
 
     @property
     def state_label(self) -> str:
         """Return the label of the present state."""
         return self._machine.label
 
-    def next_step(self) -> str:
-        """Return the next step of the operator as the end of a message."""
-        return ''
+    @property
+    def is_finalized(self) -> bool:
+        """Return whether the transition shutdown has ended."""
+        return self.state_label == 'finalized'
 
     def report(self, is_successful: bool, message: str) -> None:
         """Log the result of a request, because the response of a transition has no text."""
@@ -74,11 +76,12 @@ class ManagedNode(LifecycleNode):
         `answer` makes a response other than of Trigger from the reply.
         """
         answer = answer or self._trigger_response
+
+        def begin(_: Any, respond: Callable[[Any], None]) -> None:
+            self._start(start, lambda reply: respond(answer(reply)))
+
         made = self.create_service(*service, lambda _, response: response)
-        answer_later(
-            made,
-            lambda _, respond: self._start(start, lambda reply: respond(answer(reply))),
-        )
+        answer_later(made, self.owned(begin))
 
     def fall_back(self, to_unconfigured: bool) -> None:
         """Leave a state that the drives have already left: to inactive, or to unconfigured."""
@@ -90,7 +93,7 @@ class ManagedNode(LifecycleNode):
                 self._machine.begin(transition)
                 self._machine.finish(is_successful=True)
 
-    def configure_soon(self, missing: Callable[[], str] = str) -> None:
+    def configure_soon(self, missing: Callable[[], str]) -> None:
         """Configure without a request as soon as `missing` returns ``''`` instead of a reason."""
 
         def look() -> None:

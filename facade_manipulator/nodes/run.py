@@ -14,25 +14,18 @@ import re
 import signal
 import sys
 import time
-import traceback
-from typing import Any, cast
+from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.node import Node
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
 from facade_manipulator import config_path, parameters
-from facade_manipulator.errors import (
-    file_sentence,
-    InputError,
-    ManipulatorError,
-    ParameterError,
-)
-from facade_manipulator.nodes import workarounds
+from facade_manipulator.errors import file_sentence, ManipulatorError, ParameterError
+from facade_manipulator.nodes.base_node import BaseNode, CallbackError
 from facade_manipulator.nodes.parameters import (
     parameter_files,
     reject_unknown_parameters,
@@ -49,8 +42,6 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 LOOK_PERIOD = 0.1  # s, maximum delay of a signal
 # number of exceptions within this time [s] that ends a node
 MOST_EXCEPTIONS, EXCEPTION_PERIOD = 10, 10.0
-OWN_CODE = str(Path(__file__).parents[1])
-RUN_LOOP = {__file__, workarounds.__file__}
 LOG_STEP = 'next: set ROS_LOG_DIR to a folder that you may write'
 SIMULATED_TIME = (
     'use_sim_time rejected: true, required is false, because a publisher of /clock '
@@ -73,7 +64,9 @@ The page docs/reference.md describes the topics, services and parameters. `ros2 
 """
 
 
-def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None) -> int:
+def run(
+    make_nodes: Callable[[], Sequence[BaseNode]], args: list[str] | None = None
+) -> int:
     """
     Run the nodes of a process until a signal or a lifecycle shutdown; return its exit status.
 
@@ -83,7 +76,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     """
     signals: list[int] = []
     handle_signals(signal.default_int_handler)  # nothing moves yet: end at once
-    nodes: Sequence[Node] = ()
+    nodes: Sequence[BaseNode] = ()
     try:
         with ros_errors():
             parameters.read_sections(parameter_files(args))  # its errors name the file
@@ -100,7 +93,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
                 'use_sim_time',
                 ParameterDescriptor(type=ParameterType.PARAMETER_BOOL, read_only=True),
             )
-            node.get_logger().info('ready' + getattr(node, 'next_step', str)())
+            node.get_logger().info(f'ready{node.next_step()}')
         gc.freeze()  # later collections skip the objects of the start
         _spin(nodes, signals)
     except ExternalShutdownException:
@@ -116,7 +109,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     finally:
         handle_signals(signal.SIG_IGN)  # another signal must not interrupt the end
         for node in nodes:
-            getattr(node, 'close', int)()
+            node.close()
             node.destroy_node()
         nodes = ()
         gc.unfreeze()
@@ -134,53 +127,65 @@ def _stop(signals: list[int], number: int, _: object) -> None:
     signals.append(number)
 
 
-def _spin(nodes: Sequence[Node], signals: Sequence[int]) -> None:
+def _spin(nodes: Sequence[BaseNode], signals: Sequence[int]) -> None:
     """Run callbacks; log and count exceptions, and raise the tenth defect in ten seconds."""
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)
     times: deque[float] = deque(maxlen=MOST_EXCEPTIONS)
     behind = list(nodes)  # nodes for which messages may wait in the middleware
-    while not signals and not any(
-        getattr(node, 'state_label', '') == 'finalized' for node in nodes
-    ):
+    while not signals and not any(node.is_finalized for node in nodes):
         try:
-            # returning at each event would cost a twentieth of the time of a fast node
-            executor.spin_until_future_complete(Future(), timeout_sec=LOOK_PERIOD)
-            while behind:
-                take_waiting(behind.pop())
+            _run_callbacks(executor, nodes, behind)
         except Exception as error:
             behind = list(nodes)
             if _report_exception(nodes, error):
                 times.append(time.monotonic())
-            if (
-                len(times) == MOST_EXCEPTIONS
-                and times[-1] - times[0] < EXCEPTION_PERIOD
-            ):
-                raise
+            is_last = len(times) == MOST_EXCEPTIONS
+            if is_last and times[-1] - times[0] < EXCEPTION_PERIOD:
+                raise _original(error) from None
         if not rclpy.ok():
             raise ExternalShutdownException
 
 
-def _report_exception(nodes: Sequence[Node], error: Exception) -> bool:
-    """
-    Log and count an exception; the node of the failed callback may react.
+def _run_callbacks(
+    executor: Executor, nodes: Sequence[BaseNode], behind: list[BaseNode]
+) -> None:
+    """Run callbacks for `LOOK_PERIOD`, and those of the messages that wait for nodes behind."""
+    # returning at each event would cost a twentieth of the time of a fast node
+    executor.spin_until_future_complete(Future(), timeout_sec=LOOK_PERIOD)
+    while behind:
+        take_waiting(behind.pop())
+    for node in nodes:
+        node.raise_event_error()
 
-    The result is whether the exception is a defect. A service of rclpy also raises an exception
-    for a bad request, such as a parameter of an unknown type, which must not end a node.
+
+def _original(error: Exception) -> Exception:
+    """Return the exception that a callback raised; another exception has no callback."""
+    cause = error.__cause__
+    if isinstance(error, CallbackError) and isinstance(cause, Exception):
+        return cause
+    return error
+
+
+def _report_exception(nodes: Sequence[BaseNode], error: Exception) -> bool:
+    """
+    Log and count an exception for the node of its callback; return whether it is a defect.
+
+    An exception without a callback is that of rclpy or of the middleware, and concerns all nodes.
+    Nothing is reported after the end of ROS.
     """
     if not rclpy.ok():
         return False
-    files = {frame.filename for frame in traceback.extract_tb(error.__traceback__)}
-    is_own = any(file.startswith(OWN_CODE) for file in files - RUN_LOOP)
-    for node in nodes:
-        node.get_logger().error(''.join(traceback.format_exception(error)))
-        cast(Any, node).diagnostics.reject(
-            InputError('exception', repr(error)), is_logged=False
-        )
-        if is_own:
-            getattr(node, 'handle_exception', str)(error)
-    return is_own or not any(file.endswith('_service.py') for file in files)
+    if not isinstance(error, CallbackError):
+        for node in nodes:
+            node.count_exception(error)
+        return True
+    original = _original(error)
+    error.node.count_exception(original)
+    if error.is_defect:
+        error.node.handle_exception(original)
+    return error.is_defect
 
 
 def initialise(args: list[str] | None = None) -> None:
@@ -222,24 +227,23 @@ def handle_signals(action: Callable[[int, Any], object] | signal.Handlers) -> No
             signal.signal(number, action)
 
 
-def _require_own_names(nodes: Sequence[Node]) -> None:
+def _require_own_names(nodes: Sequence[BaseNode]) -> None:
     """
     Raise a ParameterError for a renamed node.
 
     The names of topics, services and sections of parameter files contain the node's own name.
     """
     for node in nodes:
-        own_name = getattr(node, 'own_name', node.get_name())
-        if node.get_name() != own_name:
+        if node.get_name() != node.own_name:
             raise ParameterError(
-                f'node name rejected: {node.get_name()}, required is {own_name}, which topics, '
-                'services and parameter files contain; next: replace the remapping of __node by a '
-                f'namespace, such as -r __ns:=/{node.get_name()}'
+                f'node name rejected: {node.get_name()}, required is {node.own_name}, which '
+                'topics, services and parameter files contain; next: replace the remapping of '
+                f'__node by a namespace, such as -r __ns:=/{node.get_name()}'
             )
 
 
 def _reject_other_arguments(
-    make_nodes: Callable[[], Sequence[Node]], args: list[str] | None
+    make_nodes: Callable[[], Sequence[BaseNode]], args: list[str] | None
 ) -> None:
     """Answer ``--help``, and exit at an argument that ROS does not read."""
     words = remove_ros_args(args=sys.argv if args is None else ['node', *args])

@@ -10,7 +10,6 @@ from typing import Any
 from geometry_msgs.msg import Point, PoseStamped, PoseWithCovariance, Vector3
 from geometry_msgs.msg import Wrench as WrenchMessage
 import numpy as np
-from rclpy.node import Node
 from sensor_msgs.msg import JointState, Range
 
 from facade_manipulator import topics
@@ -23,6 +22,7 @@ from facade_manipulator.kinematics import (
     Mechanism,
 )
 from facade_manipulator.nodes import conversions, messages
+from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
@@ -54,13 +54,11 @@ NO_ORIENTATION = np.array(
 )  # covariance of a message without orientation
 
 
-class GondolaSimulatorNode(Node):
+class GondolaSimulatorNode(BaseNode):
     """Simulator of gondola, mechanism and wall, which publishes the topics of the scenario."""
 
-    own_name = 'gondola_simulator'
-
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__(self.own_name, **kwargs)
+        super().__init__('gondola_simulator', **kwargs)
         geometry, own = (
             declare(self, Geometry, 'geometry'),
             declare(self, SimulatorSettings),

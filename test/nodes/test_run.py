@@ -8,7 +8,11 @@ import time
 
 from nodes.bench import diagnostics_of, NODES
 import pytest
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters
 import rclpy
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_msgs.msg import Empty
@@ -17,8 +21,10 @@ from support import DEADLINE
 
 from facade_manipulator import config_path
 from facade_manipulator.nodes import run
+from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.lifecycle import ManagedNode
 from facade_manipulator.nodes.workarounds import take_waiting
+from facade_manipulator.topics import Service
 
 pytestmark = pytest.mark.realtime
 MODULES = [
@@ -35,7 +41,7 @@ def executor(request, monkeypatch, ros_domain, handlers):
         monkeypatch.setattr(run, 'EventsExecutor', SingleThreadedExecutor)
 
 
-def node_with(callback, period=0.01, make=rclpy.create_node, receive=None, **hooks):
+def node_with(callback, period=0.01, make=BaseNode, receive=None, **hooks):
     """
     Return a function that makes a node with a timer, and a list that collects the nodes.
 
@@ -137,13 +143,7 @@ def test_end_of_ros_without_a_signal_is_a_failure(executor, capfd):
     assert 'ended without a signal' in capfd.readouterr().err
 
 
-@pytest.mark.parametrize('is_own', [True, False])
-def test_exception_is_counted_and_the_node_continues(
-    executor, monkeypatch, capfd, is_own
-):
-    """The node reacts to an exception of its callback."""
-    if is_own:
-        monkeypatch.setattr(run, 'OWN_CODE', os.path.dirname(__file__))
+def test_exception_is_counted_and_handled_by_its_node(executor, capfd):
     handled = []
     make_nodes, nodes = node_with(failing(2), handle_exception=handled.append)
     assert run.run(make_nodes, []) == 0
@@ -152,7 +152,90 @@ def test_exception_is_counted_and_the_node_continues(
     assert counted['last rejection'].startswith(
         "ZeroDivisionError('a defect'); next: report"
     )
-    assert 'in fail' in capfd.readouterr().err and len(handled) == 2 * is_own
+    assert 'in fail' in capfd.readouterr().err
+    assert [type(error) for error in handled] == 2 * [ZeroDivisionError]
+
+
+def exceptions_of(nodes):
+    """Return the number of exceptions that each node has counted."""
+    return [one.diagnostics.rejections().get('rejected: exception', 0) for one in nodes]
+
+
+def test_exception_is_counted_by_the_called_node_alone(executor):
+    """A callback of the first node calls a callback of the second, as in `manipulator`."""
+    handled = []
+    make_called, called = node_with(int, period=100.0, handle_exception=handled.append)
+    make_caller, callers = node_with(
+        lambda: called[0].fail(),
+        handle_exception=lambda _: pytest.fail('the caller has no defect'),
+    )
+
+    def make_nodes():
+        nodes = [*make_caller(), *make_called()]
+        called[0].fail = called[0].owned(failing(2))
+        return nodes
+
+    assert run.run(make_nodes, []) == 0
+    assert exceptions_of([*callers, *called]) == [0, 2] and len(handled) == 2
+
+
+@pytest.mark.parametrize('callback', ['message', 'service', 'managed service', 'event'])
+def test_exception_of_each_callback_is_handled(executor, callback):
+    def fail(*_):
+        raise ZeroDivisionError('a defect')
+
+    def handle(error):
+        handled.append(error)
+        end_process()
+
+    def make_nodes():
+        node = (ManagedNode if callback == 'managed service' else BaseNode)('ending')
+        node.diagnostics = diagnostics_of(node)
+        node.handle_exception = handle
+        service = Service(Trigger, 'asked')
+        if callback == 'message':
+            node.create_subscription(Empty, 'sent', fail, 10)
+        elif callback == 'event':
+            events = SubscriptionEventCallbacks(matched=fail)
+            node.create_subscription(
+                Empty, 'sent', lambda _: None, 10, event_callbacks=events
+            )
+        elif callback == 'service':
+            node.create_service(*service, fail)
+        else:
+            node.offer(service, fail)
+        node.sent = node.create_publisher(Empty, 'sent', 10)
+        node.client = node.create_client(*service)
+        node.create_timer(0.01, lambda: node.sent.publish(Empty()))
+        node.create_timer(0.1, lambda: node.client.call_async(Trigger.Request()))
+        return [node]
+
+    handled = []
+    assert run.run(make_nodes, []) == 0
+    assert isinstance(handled[0], ZeroDivisionError)
+
+
+def test_bad_request_to_a_service_of_rclpy_is_no_defect(executor):
+    """A parameter of an unknown type makes rclpy raise an exception."""
+
+    def ask():
+        (node,) = nodes
+        if exceptions_of(nodes) == [run.MOST_EXCEPTIONS + 1]:
+            end_process()
+        elif node.client.service_is_ready():
+            node.client.call_async(SetParameters.Request(parameters=[unknown]))
+
+    unknown = ParameterMessage(name='a', value=ParameterValue(type=100))
+    make_nodes, nodes = node_with(
+        ask, handle_exception=lambda _: pytest.fail('the node has no defect')
+    )
+
+    def make_client():
+        (node,) = make_nodes()
+        node.client = node.create_client(SetParameters, 'ending/set_parameters')
+        return nodes
+
+    assert run.run(make_client, []) == 0
 
 
 @pytest.mark.parametrize('period', [10.0, 0.01])
