@@ -3,7 +3,7 @@ CANopen on a python-can bus. Each module is a chapter of a standard.
 
 Tables of numbers: `cob_ids` (predefined connection set), `indices` (objects of a drive).
 CiA 301: `nmt` (commands, boot-up, heartbeat), `sync`, `sdo`, `pdo`, `emcy`.
-CiA 306: `eds` (data sheets).
+CiA 305: `lss` (node ids). CiA 306: `eds` (data sheets).
 The bus below them: `bus` (frames), `link` (settings and state of the interface), `clock`.
 
 The input is an open interface and its bytes. The output is frames, decoded messages, and errors

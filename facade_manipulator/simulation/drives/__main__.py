@@ -16,11 +16,11 @@ from typing import Any
 
 from facade_manipulator.canopen.bus import open_bus
 from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.canopen.lss import UNCONFIGURED
 from facade_manipulator.commands import exit_status
 from facade_manipulator.drives.axis_settings import AxisSettings, DEFAULT_AXES
 from facade_manipulator.parameters import parameter_fields, settings_from
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
-from facade_manipulator.simulation.drives.lss import UNCONFIGURED
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 from facade_manipulator.simulation.drives.simulator import DriveSimulator
 

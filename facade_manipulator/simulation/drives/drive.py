@@ -17,15 +17,14 @@ from __future__ import annotations
 from collections.abc import Callable
 import math
 
-from canopen.lss import LssMaster
 from canopen.nmt import NMT_COMMANDS
 
 from facade_manipulator.canopen import cob_ids, indices, sync
+from facade_manipulator.canopen.lss import LssSlave, UNCONFIGURED
 from facade_manipulator.canopen.nmt import SupervisedHeartbeat
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.profile import DriveProfile, load_profile
 from facade_manipulator.simulation.drives.axis import SAFE_TORQUE_OFF, SimulatedAxis
-from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
 from facade_manipulator.simulation.drives.motor import (
     SimulatedMotor,
     SimulationSettings,
@@ -154,7 +153,7 @@ class SimulatedDrive:
         The receiver depends on the NMT state and the objects.
 
         """
-        if cob_id == LssMaster.LSS_TX_COBID:
+        if cob_id == cob_ids.LSS_REQUEST:
             return self._on_lss if length == 8 else None
         if self.node_id == UNCONFIGURED:
             return None
@@ -194,7 +193,7 @@ class SimulatedDrive:
     def _on_lss(self, cob_id: int, data: bytes, now: float) -> None:
         answer = self.lss.receive(data, self.node_id)
         if answer is not None:
-            self.objects.outbox.send_message(LssMaster.LSS_RX_COBID, answer)
+            self.objects.outbox.send_message(cob_ids.LSS_RESPONSE, answer)
         if (
             self.node_id == UNCONFIGURED
             and not self.lss.is_selected

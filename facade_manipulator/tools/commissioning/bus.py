@@ -7,16 +7,6 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from canopen.lss import (
-    CS_FAST_SCAN,
-    CS_IDENTIFY_SLAVE,
-    CS_STORE_CONFIGURATION,
-    CS_SWITCH_STATE_SELECTIVE_RESPONSE,
-    CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER,
-    ListMessageNeedResponse,
-    LssMaster,
-)
-
 from facade_manipulator.canopen import cob_ids, indices
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
@@ -24,7 +14,6 @@ from facade_manipulator.canopen.sdo import (
     complete_answer,
     expedited_number,
     Result,
-    SDO_FRAME_LENGTH,
     SdoChannel,
     Steps,
     upload_request,
@@ -33,20 +22,11 @@ from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutE
 
 NODE_IDS = range(1, cob_ids.MASTER_NODE_ID)
 BOOT_TIMEOUT = 5.0  # s
-_CONFIRMING_TIME = 0.5  # s, for the answer to a command that is not part of a scan
-STORING_TIME = 3.0  # s; CiA 305 has no bound; drives needed more than 0.3 s
 _LISTENING_TIME = 0.6  # s: several periods of a driver's heartbeat
 _ASK_SERIAL_NUMBER = upload_request(indices.IDENTITY, 4)
 _LOOK_PERIOD = 0.02  # s, between two checks of a condition on a quiet bus
 _PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
 _ANSWER = 0.25  # s
-_SCAN_ATTEMPTS = 2  # questions of fastscan before silence is an answer
-_LATENCY_MARGIN = 1.5  # of the slowest answer, for which late answers are awaited
-# command specifiers of the answers that differ from those of the requests
-_ANSWERS = {
-    CS_FAST_SCAN: CS_IDENTIFY_SLAVE,
-    CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER: CS_SWITCH_STATE_SELECTIVE_RESPONSE,
-}
 _SYNC = cob_ids.frames_of_masters(())[cob_ids.SYNC][0]
 _MASTER_REMEDY = 'end the driver or the other tool'
 _SYNC_REMEDY = (
@@ -173,80 +153,3 @@ class ToolBus:
                 f'node {node_id} sent no boot-up message in {timeout:g} '
                 's; next: switch its power off and on, then scan'
             )
-
-
-class LssTransport:
-    """
-    Frames of a master of layer setting services, of which each answer belongs to its question.
-
-    An answer to fastscan does not repeat its question, and several slaves answer at different
-    times. Therefore the transport listens after an answer for as long as the slowest slave has
-    needed. It asks again after silence, because a slave may have been slow for once.
-    """
-
-    def __init__(self, bus: ToolBus, master: LssMaster, timeout: float) -> None:
-        self._bus, self._master, self._timeout = bus, master, timeout
-        self._slowest: float | None = (
-            None  # longest time from a question to an answer [s]
-        )
-        self._asked_at = self._sent_at = 0.0
-        self._expected: int | None = None  # command specifier of the answer
-        bus.receivers[LssMaster.LSS_RX_COBID] = self._receive
-
-    def send_message(self, cob_id: int, data: bytes) -> None:
-        """Send a request and wait for its answer."""
-        command = data[0]
-        is_scan = command == CS_FAST_SCAN
-        is_first_scan = is_scan and self._slowest is None
-        self._bus.wait(_PACE)
-        self._master.responses.queue.clear()
-        self._expected = _ANSWERS.get(command, command)
-        self._asked_at = self._bus.monotonic()
-        for _ in range(_SCAN_ATTEMPTS if is_scan else 1):
-            self._sent_at = self._bus.monotonic()
-            self._bus.frames.send(cob_id, bytes(data))
-            if self._bus.wait_for(
-                lambda: self._master.responses.queue, self._longest_wait(command)
-            ):
-                break
-        if is_scan and self._master.responses.queue:
-            self._await_other_answers(is_first_scan)
-
-    def _longest_wait(self, command: int) -> float:
-        """Return the time to wait for the answer to a command [s]."""
-        if command == CS_STORE_CONFIGURATION:
-            return STORING_TIME
-        if command == CS_FAST_SCAN:
-            return max(self._timeout, _LATENCY_MARGIN * (self._slowest or 0.0))
-        if command in ListMessageNeedResponse:
-            return max(self._timeout, _CONFIRMING_TIME)
-        return self._timeout
-
-    def _await_other_answers(self, is_first_scan: bool) -> None:
-        """Listen until the slaves that answer later than the first have answered."""
-        longest = _LATENCY_MARGIN * (self._slowest or 0.0)
-        if is_first_scan:
-            longest = max(longest, 2.0 * self._timeout)
-        end = self._sent_at + longest
-        self._bus.wait(max(0.0, end - self._bus.monotonic()))
-
-    def _receive(self, frame: Frame) -> None:
-        if not frame.data or frame.data[0] != self._expected:
-            return
-        if self._expected == CS_IDENTIFY_SLAVE:
-            latency = self._bus.monotonic() - self._asked_at
-            self._slowest = max(self._slowest or 0.0, latency)
-        if not self._master.responses.queue:
-            self._master.responses.put(frame.data.ljust(SDO_FRAME_LENGTH, b'\0'))
-
-
-def lss_master(bus: ToolBus, timeout: float) -> LssMaster:
-    """
-    Return the canopen library's master of layer setting services, with a timeout [s].
-
-    The timeout limits the wait for the answer to each request.
-    """
-    master = LssMaster()
-    master.RESPONSE_TIMEOUT = 0.0  # the answer is there by then
-    master.network = LssTransport(bus, master, timeout)  # type: ignore[assignment]
-    return master

@@ -9,32 +9,24 @@ CiA 305, Layer setting services and protocols.
 
 from __future__ import annotations
 
-from collections import namedtuple
-from collections.abc import Callable
-
 from canopen.lss import LssError, LssMaster
 
 from facade_manipulator.canopen import indices
+from facade_manipulator.canopen.lss import (
+    find_unknown_slave,
+    Identity,
+    lss_master,
+    set_node_id,
+    UNCONFIGURED,
+)
 from facade_manipulator.drives import configuration
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.profile import fitting_profile
 from facade_manipulator.errors import CommissioningError
-from facade_manipulator.tools.commissioning.bus import (
-    BOOT_TIMEOUT,
-    lss_master,
-    NODE_IDS,
-    ToolBus,
-)
+from facade_manipulator.tools.commissioning.bus import BOOT_TIMEOUT, NODE_IDS, ToolBus
 from facade_manipulator.tools.commissioning.context import Context
 
-UNCONFIGURED = 255
 _BOOTING = 0.5  # s
-
-
-# the numbers by which LSS selects a drive (1018h)
-Identity = namedtuple(
-    'Identity', 'vendor_id product_code revision_number serial_number'
-)
 
 
 def run_scan(context: Context) -> None:
@@ -45,7 +37,7 @@ def run_scan(context: Context) -> None:
         known = {one for found in serials.values() for one in found}
         master = lss_master(bus, context.options.lss_timeout)
         # some nodes answer although they have a node id (Lely)
-        has_new = _fast_scan(master, lambda one: one.serial_number in known)
+        has_new = find_unknown_slave(master, lambda one: one.serial_number in known)
         print('node  serial number     vendor    product  profile')
         for node_id, found in sorted(serials.items()):
             shown = ', '.join(map(str, sorted(found)))
@@ -89,27 +81,6 @@ def _is_drive(bus: ToolBus, node_id: int) -> bool:
     ) & 0xFFFF == configuration.DEVICE_TYPE
 
 
-def _fast_scan(
-    master: LssMaster, is_known: Callable[[Identity], bool]
-) -> Identity | None:
-    """
-    Return an unknown node that answers fastscan, None if no such node answers.
-
-    The node found is selected. Most selected nodes no longer answer fastscan.
-    """
-    passed: set[Identity | None] = set()
-    one = None
-    master.send_switch_state_global(LssMaster.WAITING_STATE)
-    while (
-        (result := master.fast_scan())[0]
-        and is_known(one := Identity(*result[1]))
-        and (one not in passed)
-    ):
-        passed.add(one)
-    master.send_switch_state_global(LssMaster.WAITING_STATE)
-    return None if one in passed else one
-
-
 def run_assign(context: Context) -> None:
     """Give each drive the node id of its carriage, store the id, and record it."""
     node_ids = {name: axis.node_id for name, axis in context.axes.items()}
@@ -133,7 +104,7 @@ def run_assign(context: Context) -> None:
     with context.bus() as bus:
         master = lss_master(bus, context.options.lss_timeout)
         _configure(bus, master, UNCONFIGURED)
-        while found := _fast_scan(master, seen.__contains__):
+        while found := find_unknown_slave(master, seen.__contains__):
             seen.add(found)
             spare = NODE_IDS[-len(seen)]  # so that only this node answers on it
             _configure(bus, master, spare, found)
@@ -201,20 +172,12 @@ def _configure(
     node does not take or store it.
     """
     try:
-        master.send_switch_state_global(
-            LssMaster.WAITING_STATE if selected else LssMaster.CONFIGURATION_STATE
-        )
-        if selected:
-            master.send_switch_state_selective(*selected)
-        master.configure_node_id(node_id)
-        if is_stored:
-            master.store_configuration()
+        set_node_id(master, node_id, selected, is_stored)
     except LssError as error:
         raise CommissioningError(
             f'no drive has confirmed a node id by LSS ({error}); next: switch power off and on, '
             'repeat, or set node ids by switches or in the tool of their maker'
         ) from error
-    master.send_switch_state_global(LssMaster.WAITING_STATE)
     bus.frames.command('RESET COMMUNICATION', 0)
     bus.wait_for(
         lambda: selected and bus.number(node_id, indices.DEVICE_TYPE) is not None,

@@ -8,7 +8,7 @@ from fake_bus import FakeBus
 import pytest
 from tools.commissioning.rig import raising, SERIALS
 
-from facade_manipulator.simulation.drives.lss import LssSlave, UNCONFIGURED
+from facade_manipulator.canopen.lss import LssSlave, UNCONFIGURED
 from facade_manipulator.tools.commissioning.bus import ToolBus
 
 pytestmark = pytest.mark.long

@@ -1,0 +1,270 @@
+"""
+Layer setting services: node ids for drives that are known only by their identity.
+
+The library implements the requests of a master. `LssTransport` sends them and receives the
+answers, of which several slaves send one each. `LssSlave` is the counterpart in a simulated drive.
+
+References
+----------
+CiA 305, Layer setting services and protocols: switch state, configure, store, identify, fastscan.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+import struct
+from typing import NamedTuple, Protocol
+
+from canopen import lss
+from canopen.lss import LssMaster
+
+from facade_manipulator.canopen import cob_ids, indices
+from facade_manipulator.canopen.bus import CanBus, Frame
+
+UNCONFIGURED = 255  # node id of a node without a node id
+STORING_TIME = 3.0  # s; CiA 305 has no limit; drives needed more than 0.3 s
+_CONFIRMING_TIME = 0.5  # s, for the answer to a command that is not part of a scan
+_PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
+_SCAN_ATTEMPTS = 2  # questions of fastscan before silence is an answer
+_LATENCY_MARGIN = 1.5  # of the slowest answer, for which late answers are awaited
+_FRAME_LENGTH = 8
+# command specifiers of the answers that differ from those of the requests
+_ANSWERS = {
+    lss.CS_FAST_SCAN: lss.CS_IDENTIFY_SLAVE,
+    lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER: lss.CS_SWITCH_STATE_SELECTIVE_RESPONSE,
+}
+# requests that select a slave with the four numbers of its identity
+_SELECTIONS = range(
+    lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID,
+    lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER + 1,
+)
+# values of the bit of a fastscan besides the number of a bit
+_FULL_CHECK = 0
+_RESET_SCAN = 0x80
+
+
+class Identity(NamedTuple):
+    """Numbers by which a master selects a slave (1018h)."""
+
+    vendor_id: int
+    product_code: int
+    revision_number: int
+    serial_number: int
+
+
+# --- master
+
+
+class WaitingBus(Protocol):
+    """Bus of a master, which receives frames while it waits."""
+
+    frames: CanBus
+    receivers: dict[int, Callable[[Frame], None]]  #: by COB-ID
+    monotonic: Callable[[], float]
+
+    def wait(self, seconds: float) -> None:
+        """Receive frames for a time [s]."""
+
+    def wait_for(self, condition: Callable[[], object], timeout: float) -> bool:
+        """Receive frames until a condition holds or a timeout [s]; return the condition."""
+
+
+class LssTransport:
+    """
+    Frames of a master, of which each answer belongs to its question.
+
+    An answer to fastscan does not repeat its question, and several slaves answer at different
+    times. Therefore the transport listens after an answer for as long as the slowest slave has
+    needed. It asks again after silence, because a slave may have been slow for once.
+    """
+
+    def __init__(self, bus: WaitingBus, master: LssMaster, timeout: float) -> None:
+        self._bus = bus
+        self._master = master
+        self._timeout = timeout
+        #: longest time from a question to an answer [s]
+        self._slowest: float | None = None
+        self._asked_at = 0.0
+        self._sent_at = 0.0
+        self._expected: int | None = None  # command specifier of the answer
+        bus.receivers[cob_ids.LSS_RESPONSE] = self._receive
+
+    def send_message(self, cob_id: int, data: bytes) -> None:
+        """Send a request and wait for its answer."""
+        command = data[0]
+        is_scan = command == lss.CS_FAST_SCAN
+        is_first_scan = is_scan and self._slowest is None
+        self._bus.wait(_PACE)
+        self._master.responses.queue.clear()
+        self._expected = _ANSWERS.get(command, command)
+        self._asked_at = self._bus.monotonic()
+
+        for _ in range(_SCAN_ATTEMPTS if is_scan else 1):
+            self._sent_at = self._bus.monotonic()
+            self._bus.frames.send(cob_id, bytes(data))
+            longest = self._longest_wait(command)
+            if self._bus.wait_for(lambda: self._master.responses.queue, longest):
+                break
+        if is_scan and self._master.responses.queue:
+            self._await_other_answers(is_first_scan)
+
+    def _longest_wait(self, command: int) -> float:
+        """Return the time to wait for the answer to a command [s]."""
+        if command == lss.CS_STORE_CONFIGURATION:
+            return STORING_TIME
+        if command == lss.CS_FAST_SCAN:
+            return max(self._timeout, _LATENCY_MARGIN * (self._slowest or 0.0))
+        if command in lss.ListMessageNeedResponse:
+            return max(self._timeout, _CONFIRMING_TIME)
+        return self._timeout
+
+    def _await_other_answers(self, is_first_scan: bool) -> None:
+        """Listen until the slaves that answer later than the first have answered."""
+        longest = _LATENCY_MARGIN * (self._slowest or 0.0)
+        if is_first_scan:
+            longest = max(longest, 2.0 * self._timeout)
+        end = self._sent_at + longest
+        self._bus.wait(max(0.0, end - self._bus.monotonic()))
+
+    def _receive(self, frame: Frame) -> None:
+        if not frame.data or frame.data[0] != self._expected:
+            return
+        if self._expected == lss.CS_IDENTIFY_SLAVE:
+            latency = self._bus.monotonic() - self._asked_at
+            self._slowest = max(self._slowest or 0.0, latency)
+        if not self._master.responses.queue:
+            self._master.responses.put(frame.data.ljust(_FRAME_LENGTH, b'\0'))
+
+
+def lss_master(bus: WaitingBus, timeout: float) -> LssMaster:
+    """
+    Return the library's master of layer setting services, with a timeout [s].
+
+    The timeout limits the wait for the answer to each request.
+    """
+    master = LssMaster()
+    master.RESPONSE_TIMEOUT = 0.0  # the answer is there by then
+    master.network = LssTransport(bus, master, timeout)  # type: ignore[assignment]
+    return master
+
+
+def find_unknown_slave(
+    master: LssMaster, is_known: Callable[[Identity], bool]
+) -> Identity | None:
+    """
+    Return an unknown slave that answers fastscan, None if no such slave answers.
+
+    Each slave found is selected. Most selected slaves no longer answer fastscan; a slave that
+    answers again ends the search.
+    """
+    passed: set[Identity] = set()
+    unknown = None
+    master.send_switch_state_global(LssMaster.WAITING_STATE)
+    while True:
+        is_found, numbers = master.fast_scan()
+        if not is_found:
+            break
+        identity = Identity(*numbers)
+        if identity in passed:
+            break
+        if not is_known(identity):
+            unknown = identity
+            break
+        passed.add(identity)
+    master.send_switch_state_global(LssMaster.WAITING_STATE)
+    return unknown
+
+
+def set_node_id(
+    master: LssMaster, node_id: int, slave: Identity | None, is_stored: bool
+) -> None:
+    """
+    Set the node id of one slave, or of all slaves if it is None.
+
+    Raises the library's LssError if a slave does not take or store it.
+    """
+    if slave is None:
+        master.send_switch_state_global(LssMaster.CONFIGURATION_STATE)
+    else:
+        master.send_switch_state_global(LssMaster.WAITING_STATE)
+        master.send_switch_state_selective(*slave)
+    master.configure_node_id(node_id)
+    if is_stored:
+        master.store_configuration()
+    master.send_switch_state_global(LssMaster.WAITING_STATE)
+
+
+# --- slave
+
+
+class LssSlave:
+    """
+    Node id of a simulated drive, which a master sets; 255 means no node id.
+
+    `values` contains the objects of the drive, of which 1018h is the identity.
+    """
+
+    def __init__(self, node_id: int, values: Mapping[tuple[int, int], int]) -> None:
+        self.stored = node_id  #: the node id after the next power-up
+        self._values = values
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Restore the stored node id."""
+        self.pending = self.stored  #: the node id after the next reset
+        self.is_selected = False  #: whether the drive is in the LSS configuration state
+        #: how many numbers of the identity have matched: of a selection, of a fastscan
+        self._matched = 0
+        self._scanned = 0
+
+    def receive(self, data: bytes, active: int) -> bytes | None:
+        """Process a request; return the answer or None. `active` is the present node id."""
+        command = data[0]
+        answer = None
+        if command == lss.CS_SWITCH_STATE_GLOBAL:
+            self.is_selected = data[1] == LssMaster.CONFIGURATION_STATE
+        elif command == lss.CS_FAST_SCAN:
+            if active == UNCONFIGURED and not self.is_selected:
+                answer = self._scan(data)
+        elif command in _SELECTIONS:
+            answer = self._select(_SELECTIONS.index(command), data)
+        elif command == lss.CS_CONFIGURE_NODE_ID and self.is_selected:
+            self.pending = data[1]
+            answer = command
+        elif command == lss.CS_STORE_CONFIGURATION and self.is_selected:
+            self.stored = self.pending
+            answer = command
+        return None if answer is None else bytes([answer]).ljust(_FRAME_LENGTH, b'\0')
+
+    def _number(self, part: int) -> int:
+        """Return a number of the identity; part 0 is the vendor."""
+        return self._values[indices.IDENTITY, part + 1]
+
+    def _select(self, part: int, data: bytes) -> int | None:
+        """Select the drive with four numbers in successive requests; return the answer."""
+        (number,) = struct.unpack_from('<xI', data)
+        if part != self._matched or number != self._number(part):
+            self._matched = 0
+            return None
+        if part < len(_SELECTIONS) - 1:
+            self._matched = part + 1
+            return None
+        self._matched = 0
+        self.is_selected = True
+        return lss.CS_SWITCH_STATE_SELECTIVE_RESPONSE
+
+    def _scan(self, data: bytes) -> int | None:
+        """Compare the upper bits of a number with those of the identity; return the answer."""
+        number, bit, part, following = struct.unpack('<xIBBB', data)
+        if bit == _RESET_SCAN:
+            self._scanned = 0
+            return lss.CS_IDENTIFY_SLAVE
+        if part != self._scanned or bit > 31:
+            return None
+        if (number ^ self._number(part)) >> bit:
+            return None
+        if bit == _FULL_CHECK and following != part:
+            self._scanned = following
+            self.is_selected = following < part
+        return lss.CS_IDENTIFY_SLAVE
