@@ -13,10 +13,9 @@ from can.interfaces.socketcan.constants import SO_TIMESTAMPNS
 import pytest
 
 from facade_manipulator.canopen import bus as bus_module
-from facade_manipulator.canopen import link
+from facade_manipulator.canopen import cob_ids, link
 from facade_manipulator.canopen.bus import BusCongestedError, CanBus, open_bus
 from facade_manipulator.canopen.link import BusSettings, check_link
-from facade_manipulator.canopen.pdo import REMOTE_FRAME
 from facade_manipulator.errors import BusError
 
 MEGABIT = 1_000_000
@@ -111,7 +110,7 @@ def test_remote_frame_is_marked_in_its_cob_id(wire):
     bus, far = wire
     far.send(frame(REMOTE | 0x702))
     received = bus.receive(1.0)
-    assert received.cob_id == REMOTE_FRAME | 0x702 and not received.data
+    assert received.cob_id == cob_ids.REMOTE_FRAME | 0x702 and not received.data
 
 
 @pytest.mark.parametrize(('is_rx', 'is_local'), [(True, False), (False, True)])

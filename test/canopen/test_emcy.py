@@ -2,7 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.canopen.emergency import Fault, fault
+from facade_manipulator.canopen.emcy import Fault, fault
 
 CODES = st.integers(0x100, 0xFFFF)  # of faults
 

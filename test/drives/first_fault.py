@@ -22,7 +22,7 @@ sys.path.insert(0, str(HELPERS))
 
 from bus_world import in_motion, Rig  # noqa: E402
 
-from facade_manipulator.canopen import pdo  # noqa: E402
+from facade_manipulator.canopen import cob_ids  # noqa: E402
 from facade_manipulator.errors import BusError, ManipulatorError  # noqa: E402
 
 LOADING = {'import', 'open', 'compile', 'exec'}
@@ -32,7 +32,7 @@ SIMULATED = (str(HELPERS), f'{os.sep}simulation{os.sep}')
 
 def send_emergency(rig: Rig) -> None:
     """Let a drive report an overcurrent."""
-    rig.deliver([(pdo.EMERGENCY + 2, bytes.fromhex('1023010000000000'))])
+    rig.deliver([(cob_ids.EMERGENCY + 2, bytes.fromhex('1023010000000000'))])
 
 
 def fail(rig: Rig) -> None:
@@ -86,7 +86,7 @@ def lose_bus(rig: Rig) -> None:
 
 def command_from_another_master(rig: Rig) -> None:
     """Send a network command from another master."""
-    rig.forge(pdo.NMT_COB_ID, bytes([128, 2]))
+    rig.forge(cob_ids.NMT, bytes([128, 2]))
 
 
 FAULTS = {

@@ -17,7 +17,7 @@ from drive_faults import deaf_to_rpdo
 from fake_bus import FakeBus
 import pytest
 
-from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen import cob_ids, pdo
 from facade_manipulator.canopen.bus import BusCongestedError
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.snapshot import ControllerState, Remedy
@@ -151,14 +151,14 @@ FRAMES = {
     'an NMT command': (0x000, b'\x01\x00'),
     'an LSS request (7E5h)': (0x7E5, b'\x04\x01' + bytes(6)),
     'process data for node 2': (0x402, bytes(2)),
-    'node guarding of node 3 (RTR to 703h)': (pdo.REMOTE_FRAME | 0x703, b''),
-    'a remote request to node 1': (pdo.REMOTE_FRAME | 0x281, b''),
+    'node guarding of node 3 (RTR to 703h)': (cob_ids.REMOTE_FRAME | 0x703, b''),
+    'a remote request to node 1': (cob_ids.REMOTE_FRAME | 0x281, b''),
 }
 
 
 def is_upload(cob_id: int, data: bytes) -> bool:
     """Return whether a frame asks one of our drives for an object."""
-    return cob_id - pdo.SDO_REQUEST in (1, 2, 3) and data[0] == 0x40
+    return cob_id - cob_ids.SDO_REQUEST in (1, 2, 3) and data[0] == 0x40
 
 
 @pytest.mark.parametrize('name', FRAMES)
@@ -189,11 +189,11 @@ def test_drives_that_a_master_seldom_guards_are_left_unchanged(rig):
         drive.objects.stored[0x100C, 0] = 800
         drive.reboot()
     rig.run(0.1)
-    rig.later(0.7, lambda: rig.forge(pdo.REMOTE_FRAME | 0x702))
+    rig.later(0.7, lambda: rig.forge(cob_ids.REMOTE_FRAME | 0x702))
     rig.frames()
     message = rig.rejection('configure')
     assert 'another master uses this bus: node guarding of node 2' in message
-    assert not any(one.cob_id == pdo.NMT_COB_ID for one in rig.frames())
+    assert not any(one.cob_id == cob_ids.NMT for one in rig.frames())
 
 
 def test_configure_sends_nothing_within_two_heartbeats(rig):
@@ -280,7 +280,7 @@ def test_drive_that_keeps_sending_sync_is_named(rig, spoil):
 # --- a foreign SYNC beside that of the kernel
 
 
-def forge_syncs(rig, period: float, frame=(pdo.SYNC_COB_ID, b'')) -> None:
+def forge_syncs(rig, period: float, frame=(cob_ids.SYNC, b'')) -> None:
     """Send SYNCs of another master with a period [s] from now on."""
 
     def send():
@@ -295,7 +295,7 @@ def forge_syncs(rig, period: float, frame=(pdo.SYNC_COB_ID, b'')) -> None:
 def test_foreign_sync_beside_the_kernel_stops_within_a_second(make_rig, period, data):
     rig = make_rig(has_kernel_sync=True)
     at_rest(rig)
-    forge_syncs(rig, period, (pdo.SYNC_COB_ID, data))
+    forge_syncs(rig, period, (cob_ids.SYNC, data))
     rig.until(lambda: rig.state is ControllerState.STOPPED, 1.0)
     assert 'another master is on the bus, SYNC (080h) was received' in rig.all_causes
 
@@ -306,7 +306,7 @@ def test_unmarked_sync_is_foreign_where_ours_is_marked(make_rig):
     at_rest(rig)
     rig.run(1.0)
     assert rig.state is ControllerState.ACTIVE
-    rig.forge(pdo.SYNC_COB_ID)
+    rig.forge(cob_ids.SYNC)
     rig.until(lambda: rig.state is ControllerState.STOPPED, 0.02)
 
 
@@ -352,7 +352,7 @@ def test_congested_network_command_is_sent_later(rig, monkeypatch, number):
     commands = []
 
     def congested(bus, cob_id, *content):
-        if cob_id == pdo.NMT_COB_ID:
+        if cob_id == cob_ids.NMT:
             commands.append(content)
             if len(commands) == number + 1:
                 raise BusCongestedError('can0: the send queue is full')

@@ -7,7 +7,7 @@ from dataclasses import replace
 from bus_world import configured, in_motion, SETTINGS
 import pytest
 
-from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen import cob_ids, pdo
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import DriveError
@@ -82,7 +82,7 @@ def test_slow_drive_ends_configure_in_time(rig, monkeypatch):
     receive = rig.drives[1].receive
 
     def receive_sdo_late(*frame):
-        if frame[0] != pdo.SDO_REQUEST + 2:
+        if frame[0] != cob_ids.SDO_REQUEST + 2:
             return receive(*frame)
         rig.later(0.1, lambda: rig.deliver(receive(*frame)))
         return []
@@ -116,7 +116,7 @@ def test_self_test_names_the_drive_with_a_changed_object(rig):
 
 def is_sdo_request(frame):
     """Return whether a frame is an SDO request to a drive."""
-    return frame.cob_id - pdo.SDO_REQUEST in (1, 2, 3)
+    return frame.cob_id - cob_ids.SDO_REQUEST in (1, 2, 3)
 
 
 def test_self_test_reads_several_objects_in_each_cycle(rig):

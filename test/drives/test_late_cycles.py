@@ -9,7 +9,7 @@ from bus_world import at_rest, SETTINGS
 import numpy as np
 import pytest
 
-from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen import cob_ids
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.motion.follower import SetpointFollower
@@ -62,7 +62,7 @@ def latched_targets(rig) -> list[int]:
     latched = []
 
     def listen(cob_id, _):
-        if cob_id == pdo.SYNC_COB_ID:
+        if cob_id == cob_ids.SYNC:
             latched.append(rig.drives[1].objects.values[0x607A, 0])
         return []
 

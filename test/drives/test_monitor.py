@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.canopen.bus import Frame
-from facade_manipulator.canopen.emergency import Fault
+from facade_manipulator.canopen.emcy import Fault
 from facade_manipulator.canopen.pdo import TPDO1, TPDO2, TPDO3
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings

@@ -8,7 +8,7 @@ import math
 from bus_world import at_rest, configured, HOME, SETTINGS, SITUATIONS, SWITCH_HOMING
 import pytest
 
-from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen import cob_ids, pdo
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller import REQUESTS
 from facade_manipulator.drives.exchange import LONGEST_WAIT
@@ -49,7 +49,7 @@ def test_stop_shortly_before_sync_waits_for_it(make_rig, share):
     sync, period = rig.bus.next_sync, rig.settings.period
     rig.later(
         sync + share * period - rig.clock.now,
-        lambda: rig.forge(pdo.EMERGENCY + 1, OVERCURRENT),
+        lambda: rig.forge(cob_ids.EMERGENCY + 1, OVERCURRENT),
     )
     rig.frames()
     rig.cycles(4)

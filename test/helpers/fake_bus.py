@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 import math
 
-from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen import cob_ids
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.errors import BusError
@@ -112,7 +112,7 @@ class BusWorld:
         bus = self.bus
         if bus is not None and self.clock.now >= bus.next_sync:
             bus.next_sync += bus.period
-            sync = self._frame(pdo.SYNC_COB_ID, b'')
+            sync = self._frame(cob_ids.SYNC, b'')
             bus.inbox.append(sync._replace(is_local=self.marks_kernel_sync))
             self.carry(sync.cob_id, sync.data)
 

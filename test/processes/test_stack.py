@@ -11,7 +11,8 @@ from support import patiently, wait_until
 from watcher import NODES
 
 from facade_manipulator import topics
-from facade_manipulator.canopen.pdo import RPDO1, SYNC_COB_ID
+from facade_manipulator.canopen import cob_ids
+from facade_manipulator.canopen.pdo import RPDO1
 from facade_manipulator.client import NoAnswerError
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
@@ -32,9 +33,9 @@ def test_kernel_sync_keeps_its_period_beside_other_frames(active, watcher, vcan0
 def sync_period(watcher, meanwhile=lambda: time.sleep(0.005)):
     watcher.forget()
     wait_until(
-        lambda: len(watcher.of(SYNC_COB_ID)) >= 50, '50 SYNC frames', step=meanwhile
+        lambda: len(watcher.of(cob_ids.SYNC)) >= 50, '50 SYNC frames', step=meanwhile
     )
-    stamps = [frame.timestamp for frame in watcher.of(SYNC_COB_ID)]
+    stamps = [frame.timestamp for frame in watcher.of(cob_ids.SYNC)]
     steps = sorted(
         after - before for before, after in zip(stamps, stamps[1:], strict=False)
     )

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen import cob_ids
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.drives.__main__ import _parser, make_drives
@@ -34,13 +34,15 @@ def test_drive_without_an_object_runs_or_is_rejected(tmp_path, index):
     for cycle in range(20):
         now = 0.02 * cycle
         drive.advance(now)
-        drive.receive(pdo.NMT_COB_ID, OPERATIONAL, now)
-        drive.receive(pdo.SYNC_COB_ID, b'', now)
+        drive.receive(cob_ids.NMT, OPERATIONAL, now)
+        drive.receive(cob_ids.SYNC, b'', now)
 
 
 def test_drive_without_heartbeat_consumer_ignores_its_master():
     drive, *_ = make_drives(_parser().parse_args(['--missing-objects', '0x1016']))
-    assert (pdo.HEARTBEAT + drive.node_id, bytes(1)) in drive.advance(0.1)  # boot-up
-    assert drive.receive(pdo.HEARTBEAT + pdo.MASTER_NODE_ID, b'\x05', 0.2) == []
+    assert (cob_ids.HEARTBEAT + drive.node_id, bytes(1)) in drive.advance(
+        0.1
+    )  # boot-up
+    assert drive.receive(cob_ids.HEARTBEAT + cob_ids.MASTER_NODE_ID, b'\x05', 0.2) == []
     drive.advance(5.0)
     assert drive.errors == []

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from facade_manipulator.canopen.pdo import SYNC_COB_ID
+from facade_manipulator.canopen import cob_ids
 from facade_manipulator.tools import stopping
 from facade_manipulator.tools.commissioning.stop_test import SILENCE
 
@@ -99,7 +99,7 @@ def test_silent_master_stops_the_kernel_sync(rig):
     times = []
 
     def listen(cob_id, _):
-        if cob_id == SYNC_COB_ID:
+        if cob_id == cob_ids.SYNC:
             times.append(rig.clock.now)
         return []
 
