@@ -20,15 +20,6 @@ from typing import NamedTuple
 
 from facade_manipulator.canopen import cob_ids, indices
 
-# former names
-NMT_COB_ID = cob_ids.NMT
-SYNC_COB_ID = cob_ids.SYNC
-EMERGENCY = cob_ids.EMERGENCY
-SDO_REQUEST = cob_ids.SDO_REQUEST
-HEARTBEAT = cob_ids.HEARTBEAT
-MASTER_NODE_ID = cob_ids.MASTER_NODE_ID
-REMOTE_FRAME = cob_ids.REMOTE_FRAME
-
 ALL_BITS = 0xFFFFFFFF
 HIGHEST_FULL_RATE = (
     200  # Hz, maximum rate of cycles at which the bus has room for every PDO
