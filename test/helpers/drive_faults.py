@@ -7,8 +7,8 @@ A new fault is one function in this module. It takes the drive and may return a 
 from __future__ import annotations
 
 from facade_manipulator.drives.states import State, STATUSWORDS
-from facade_manipulator.simulation.drives.axis import SAFE_TORQUE_OFF
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
+from facade_manipulator.simulation.drives.simulated_axis import SAFE_TORQUE_OFF
 
 
 def silent(drive: SimulatedDrive) -> None:

@@ -24,13 +24,16 @@ from facade_manipulator.canopen.lss import LssSlave, UNCONFIGURED
 from facade_manipulator.canopen.nmt import SupervisedHeartbeat
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.profile import DriveProfile, load_profile
-from facade_manipulator.simulation.drives.axis import SAFE_TORQUE_OFF, SimulatedAxis
 from facade_manipulator.simulation.drives.motor import (
     SimulatedMotor,
     SimulationSettings,
 )
 from facade_manipulator.simulation.drives.objects import Frame, Objects
-from facade_manipulator.simulation.drives.pdo import ProcessData
+from facade_manipulator.simulation.drives.process_data import ProcessData
+from facade_manipulator.simulation.drives.simulated_axis import (
+    SAFE_TORQUE_OFF,
+    SimulatedAxis,
+)
 
 # error codes
 HEARTBEAT_LOST = 0x8130

@@ -11,7 +11,12 @@ from typing import Any
 
 from facade_manipulator.commands import exit_status
 from facade_manipulator.drives.axis_settings import AXIS_NAMES
-from facade_manipulator.tools.commissioning import measure, nodes, objects, stop_test
+from facade_manipulator.tools.commissioning import (
+    drive_settings,
+    measure,
+    nodes,
+    stop_test,
+)
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.parameter_files import announce
 
@@ -106,14 +111,14 @@ COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]]
         },
     ),
     'profile': (
-        objects.run_profile,
+        drive_settings.run_profile,
         {
             'axis': {'nargs': '?', 'choices': AXIS_NAMES, 'help': 'otherwise all'},
             '--check': {'action': 'store_true', 'required': True},
         },
     ),
     'backup': (
-        objects.run_backup,
+        drive_settings.run_backup,
         AXIS
         | {
             'file': {'type': Path, 'nargs': '?', 'help': 'default: machine.AXIS.dcf'},
@@ -123,7 +128,7 @@ COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]]
             },
         },
     ),
-    'restore': (objects.run_restore, AXIS | {'file': {'type': Path}}),
+    'restore': (drive_settings.run_restore, AXIS | {'file': {'type': Path}}),
     'direction': (measure.run_direction, AXIS),
     'jog': (
         measure.run_jog,

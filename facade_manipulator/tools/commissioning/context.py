@@ -34,7 +34,7 @@ from facade_manipulator.resources import (
     machine_files,
     OVERLAY,
 )
-from facade_manipulator.tools.commissioning.bus import ToolBus
+from facade_manipulator.tools.commissioning.tool_bus import ToolBus
 from facade_manipulator.tools.parameter_files import read_machine
 from facade_manipulator.tools.stopping import read_analysis
 

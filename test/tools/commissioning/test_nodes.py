@@ -9,7 +9,7 @@ import pytest
 from tools.commissioning.rig import raising, SERIALS
 
 from facade_manipulator.canopen.lss import LssSlave, UNCONFIGURED
-from facade_manipulator.tools.commissioning.bus import ToolBus
+from facade_manipulator.tools.commissioning.tool_bus import ToolBus
 
 pytestmark = pytest.mark.long
 
