@@ -125,7 +125,6 @@ class ControlLoop:
             )
             machine = (follower, controller)
         self.follower, self.controller = machine
-        # before `run` sets the priority, which these threads must not have
         self.simulator: Any = setup.simulate and resolve_name(setup.simulate)(
             setup.bus, setup.axes
         )
@@ -153,7 +152,6 @@ class ControlLoop:
 
     def run(self) -> None:
         """Serve the node until it closes, ends, or is silent while the drives may have power."""
-        self.controller.request_realtime()
         self._feed()
         self._channel.send('started', self.controller.snapshot(), self.follower.status)
         self.controller.observe = self._send_state
@@ -302,6 +300,7 @@ def main(commands: int, stream: int) -> int:
         channel.send('failed', str(error))
         return 1
     signal.signal(signal.SIGTERM, lambda *_: loop.end())
+    loop.controller.request_realtime()
     try:
         loop.run()
     finally:

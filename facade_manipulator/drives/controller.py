@@ -80,7 +80,7 @@ class DriveController(Session):
         self._publish()
 
     def request_realtime(self) -> None:
-        """Request the scheduling of the settings for this thread; log what is missing."""
+        """Request the scheduling of the settings for this process; log what is missing."""
         self._rejected = tuple(realtime.request_realtime(self.settings))
         self._priority = realtime.realtime_priority()
         missing = self._rejected

@@ -41,7 +41,7 @@ class ControllerSettings:
     )
     realtime_priority: int = parameter(
         'SCHED_FIFO priority of the control loop; 0 selects the normal scheduler',
-        default=0,
+        default=20,
         minimum=0,
         maximum=99,
     )

@@ -1,68 +1,141 @@
 """
-Timing of the control loop: scheduling, memory, CPU and garbage collection.
+Timing of a process: scheduling, memory, CPU and garbage collection.
 
-A request that the system rejects is reported with the setting that grants it; the loop runs
+A request that the system rejects is reported with the setting that grants it; the process runs
 without it.
+
+Priorities are below 50, which the kernel gives to the threads of its interfaces. A process that
+runs too long without a pause returns to the normal scheduler, and is killed if it cannot.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 import ctypes
 import gc
+import logging
 import os
+import resource
+import signal
 import sys
 
 from facade_manipulator.drives.controller_settings import ControllerSettings
 
-_MCL_CURRENT, _MCL_FUTURE = 1, 2
+#: of a node: below that of the control loop, which must never wait for a node
+NODE_PRIORITY = 15
+LONGEST_RUN = 1  # s without a pause, after which a process loses its priority
+KILL_TIME = 3  # s without a pause, after which the kernel kills it
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
+_REALTIME = (os.SCHED_FIFO, os.SCHED_RR)
 _SWITCH_INTERVAL = (
     0.0005  # s: a step may not wait for the interpreter's default of 5 ms
 )
 _PERMISSION = (
-    '"ulimit -r" of at least this priority: set LimitRTPRIO=99 in the systemd service, '
-    'or "@realtime - rtprio 99" in /etc/security/limits.d'
+    'LimitRTPRIO=99 in the systemd service, or "@realtime - rtprio 99" in '
+    '/etc/security/limits.d'
+)
+#: action of an operator whose control loop has no priority
+PERMIT_PRIORITY = (
+    'set controller.realtime_priority above 0, and permit it: it needs ' + _PERMISSION
 )
 NO_PRIORITY = (
     'the control loop runs without real-time scheduling: other programs can delay it until the '
-    f'drives stop; next: set controller.realtime_priority, which needs {_PERMISSION}'
+    f'drives stop; next: {PERMIT_PRIORITY}'
 )
+_log = logging.getLogger(__name__)
 
 
 def request_realtime(settings: ControllerSettings) -> list[str]:
-    """Request the scheduling of the settings for the calling thread; return the rejections."""
-    priority, cpu = settings.realtime_priority, settings.cpu
-    # the threads that this one starts have no deadline
-    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    """Request the scheduling of the settings for this process; return the rejections."""
+    priority = settings.realtime_priority
+    cpu = settings.cpu
     rejections = []
-    for is_wanted, request, rejection in (
-        (
-            priority > 0,
-            lambda: os.sched_setscheduler(0, policy, os.sched_param(priority)),
+    if priority > 0:
+        rejections += _rejection(
+            lambda: set_priority(priority),
             f'SCHED_FIFO with priority {priority} is rejected: it needs {_PERMISSION}',
-        ),
-        (
-            priority > 0,
-            _lock_memory,
-            'the memory cannot be locked: grant it with "@realtime - '
-            'memlock unlimited" in /etc/security/limits.d',
-        ),
-        (
-            cpu >= 0,
+        )
+        if not rejections:  # without a priority, memory that waits matters little
+            rejections += _rejection(
+                _lock_memory,
+                'the memory cannot be locked: it needs LimitMEMLOCK=infinity in the systemd '
+                'service, or "@realtime - memlock unlimited" in /etc/security/limits.d',
+            )
+    if cpu >= 0:
+        rejections += _rejection(
             lambda: os.sched_setaffinity(0, {cpu}),
-            'the control loop cannot be '
-            f'bound to CPU {cpu}: this machine has {os.cpu_count()} CPUs',
-        ),
-    ):
-        try:
-            if is_wanted:
-                request()
-        except (OSError, ValueError) as error:
-            rejections.append(f'{rejection} ({error})')
+            f'the control loop cannot be bound to CPU {cpu}: this machine has '
+            f'{os.cpu_count()} CPUs',
+        )
     return rejections
 
 
+def _rejection(request: Callable[[], None], message: str) -> list[str]:
+    """Do a request to the system; return the message if it is rejected, else nothing."""
+    try:
+        request()
+    except (OSError, ValueError) as error:
+        return [f'{message} ({error})']
+    return []
+
+
+def request_node_priority() -> None:
+    """
+    Request a priority for the process of a node, unless it was started with one.
+
+    The nodes work without it. The control loop logs what the system must permit.
+    """
+    if os.sched_getscheduler(0) in _REALTIME:
+        return
+    with suppress(OSError):
+        set_priority(NODE_PRIORITY)
+
+
+def set_priority(priority: int) -> None:
+    """
+    Give a SCHED_FIFO priority to all threads of this process, but to none that they start.
+
+    All threads wait for the lock of the interpreter, so that a thread without priority would
+    delay the others. Raises an OSError if the system does not permit it.
+    """
+    _schedule(os.SCHED_FIFO, priority)
+    signal.signal(signal.SIGXCPU, _give_up_priority)
+    microseconds = 1_000_000
+    resource.setrlimit(
+        resource.RLIMIT_RTTIME,
+        (LONGEST_RUN * microseconds, KILL_TIME * microseconds),
+    )
+
+
+def _schedule(policy: int, priority: int) -> None:
+    for thread in os.listdir('/proc/self/task'):
+        with suppress(ProcessLookupError):  # the thread has ended meanwhile
+            os.sched_setscheduler(
+                int(thread),
+                policy | os.SCHED_RESET_ON_FORK,
+                os.sched_param(priority),
+            )
+
+
+def clear_priority() -> None:
+    """Return all threads of this process to the normal scheduler."""
+    _schedule(os.SCHED_OTHER, 0)
+
+
+def _give_up_priority(*_: object) -> None:
+    clear_priority()
+    _log.error(
+        'this process ran for %d s without a pause and gave up its real-time priority; '
+        'next: report this',
+        LONGEST_RUN,
+    )
+
+
 def _lock_memory() -> None:
-    if ctypes.CDLL(None, use_errno=True).mlockall(_MCL_CURRENT | _MCL_FUTURE):
+    """Keep in memory each page that this process uses, from its first use."""
+    flags = _MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT
+    if ctypes.CDLL(None, use_errno=True).mlockall(flags):
         code = ctypes.get_errno()
         raise OSError(code, os.strerror(code))
 

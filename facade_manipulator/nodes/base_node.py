@@ -40,10 +40,13 @@ class BaseNode(Node):
         Name that topics, services and sections of parameter files contain.
     diagnostics : Diagnostics
         Counts the exceptions; each class sets it.
+    wants_priority : bool
+        Whether the process asks for real-time priority, because carriages depend on its time.
 
     """
 
     diagnostics: Diagnostics
+    wants_priority = False
     _is_made = False  # the callbacks before that are services of rclpy
 
     def __init__(self, name: str, **kwargs: Any) -> None:

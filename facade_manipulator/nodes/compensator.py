@@ -74,6 +74,8 @@ def stamp_of(goal: PoseStamped) -> str:
 class CompensatorNode(BaseNode):
     """Compensator node, which keeps the head at its place on the wall while the gondola moves."""
 
+    wants_priority = True
+
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('compensator', **kwargs)
         geometry = declare(self, Geometry, 'geometry')

@@ -51,6 +51,8 @@ PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw in a covariance of six
 class DisturbanceEstimatorNode(BaseNode):
     """Estimator node, which publishes the pose and the velocity of the rail at a fixed rate."""
 
+    wants_priority = True
+
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('disturbance_estimator', **kwargs)
         setup = EstimatorSetup.read(declare(self, SensorNames), partial(declare, self))

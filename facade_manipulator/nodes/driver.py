@@ -67,6 +67,8 @@ class DriverNode(ManagedNode):
 
     own_name = 'driver'
 
+    wants_priority = True
+
     def __init__(
         self, launch: Callable[..., Any] = start_process, **kwargs: Any
     ) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from facade_manipulator.drives.cycle import LATE_WINDOW
-from facade_manipulator.drives.realtime import NO_PRIORITY
+from facade_manipulator.drives.realtime import NO_PRIORITY, PERMIT_PRIORITY
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
     ControllerSnapshot,
@@ -114,13 +114,18 @@ def group_outcome(
 def overload(snapshot: ControllerSnapshot) -> str:
     """Return a warning if the computer is too slow for the cycle, else ``''``."""
     share = snapshot.cycle.late_share
+    if share <= MAX_LATE_SHARE:
+        return ''
+
+    seen = (
+        f'the control loop was late in {100.0 * share:.1f} % of {LATE_WINDOW} cycles, '
+        f'above the limit {100.0 * MAX_LATE_SHARE:g} %'
+    )
+    if snapshot.realtime_priority:
+        return f'{seen}; next: {Remedy.COMPUTER}'
     return (
-        ''
-        if share <= MAX_LATE_SHARE
-        else (
-            f'the control loop was late in {100.0 * share:.1f} % of {LATE_WINDOW} cycles, '
-            f'above the limit {100.0 * MAX_LATE_SHARE:g} %; next: {Remedy.COMPUTER}'
-        )
+        f'{seen}, without real-time scheduling; next: {PERMIT_PRIORITY}, or '
+        f'{Remedy.COMPUTER}'
     )
 
 
@@ -134,6 +139,7 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
         'skipped SYNCs': cycle.skipped,
         'worst lateness [ms]': 1e3 * cycle.worst,
         'late share [%]': 100.0 * cycle.late_share,
+        'real-time priority': snapshot.realtime_priority,
         **{name.replace('_', ' '): value for name, value in vars(bus).items()},
     }
     if snapshot.bus_error:
@@ -143,7 +149,7 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
         lost = f'unknown: {snapshot.cause}; next: {snapshot.next_step}'
         return diagnostic_status('bus', 'error', lost, values)
     late = overload(snapshot)
-    wants_priority = snapshot.realtime_priority == 0 and (is_real or late)
+    wants_priority = snapshot.realtime_priority == 0 and is_real and not late
     is_disturbed = bus.condition != 'active' or bus.overflows
     warnings = [
         late,

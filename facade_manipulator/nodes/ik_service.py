@@ -46,6 +46,8 @@ LEAD = 0.05  # s, by which the setpoints of an approach are sent ahead of their 
 class IkServiceNode(BaseNode):
     """Inverse kinematics node for the stream of corrected poses and for requests."""
 
+    wants_priority = True
+
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('ik_service', **kwargs)
         geometry = declare(self, Geometry, 'geometry')

@@ -24,6 +24,7 @@ from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
 from facade_manipulator import config_path, parameters
+from facade_manipulator.drives.realtime import request_node_priority
 from facade_manipulator.errors import file_sentence, ManipulatorError, ParameterError
 from facade_manipulator.nodes.base_node import BaseNode, CallbackError
 from facade_manipulator.nodes.parameters import (
@@ -94,6 +95,8 @@ def run(
                 ParameterDescriptor(type=ParameterType.PARAMETER_BOOL, read_only=True),
             )
             node.get_logger().info(f'ready{node.next_step()}')
+        if all(node.wants_priority for node in nodes):
+            request_node_priority()
         gc.freeze()  # later collections skip the objects of the start
         _spin(nodes, signals)
     except ExternalShutdownException:

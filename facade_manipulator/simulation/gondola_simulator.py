@@ -87,6 +87,7 @@ class GondolaSimulatorNode(BaseNode):
         watch.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         conversions.steady_timer(self, DELIVERY_PERIOD, self._deliver)
         self._viewer = open_viewer(self._world) if own.viewer else None
+        self.wants_priority = self._viewer is None  # drawing takes long
         if self._viewer:
             conversions.steady_timer(self, VIEWER_PERIOD, self._viewer.sync)
 
