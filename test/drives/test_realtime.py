@@ -1,7 +1,11 @@
 import ctypes
 import gc
 import os
+import resource
+import signal
+import subprocess
 import sys
+import threading
 
 import pytest
 
@@ -9,7 +13,11 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.realtime import (
     collect_garbage,
     freeze_objects,
+    NODE_PRIORITY,
+    realtime_priority,
+    request_node_priority,
     request_realtime,
+    set_priority,
     take_over_collector,
 )
 
@@ -18,34 +26,119 @@ def reject(*_):
     raise PermissionError(1, 'Operation not permitted')
 
 
-def test_default_settings_request_no_priority(monkeypatch):
-    for module, name in (
-        (os, 'sched_setscheduler'),
-        (os, 'sched_setaffinity'),
-        (ctypes, 'CDLL'),
-    ):
-        monkeypatch.setattr(module, name, reject)
+@pytest.fixture(name='requests')
+def recorded_requests(monkeypatch):
+    """Return the requests to the system by their names; none reaches it."""
+    found = []
+
+    def record(module, name):
+        monkeypatch.setattr(
+            module, name, lambda *details: found.append((name, details))
+        )
+
+    for name in ('sched_setscheduler', 'sched_setaffinity'):
+        record(os, name)
+    record(resource, 'setrlimit')
+    record(signal, 'signal')
+    monkeypatch.setattr(ctypes, 'CDLL', lambda *_, **__: Memory(found))
+    return found
+
+
+class Memory:
+    """Library of the system that records the flags of locked memory."""
+
+    def __init__(self, found):
+        self._found = found
+
+    def mlockall(self, flags):
+        self._found.append(('mlockall', (flags,)))
+        return 0
+
+
+def test_default_settings_request_a_priority_below_interrupts(requests):
     assert request_realtime(ControllerSettings()) == []
+    priorities = {
+        details[2].sched_priority
+        for name, details in requests
+        if name == 'sched_setscheduler'
+    }
+    assert priorities == {20} and NODE_PRIORITY < 20 < 50
+
+
+def test_priority_zero_requests_nothing(requests):
+    assert request_realtime(ControllerSettings(realtime_priority=0)) == []
+    assert requests == []
 
 
 def test_rejected_priority_names_the_required_permission(monkeypatch):
     monkeypatch.setattr(os, 'sched_setscheduler', reject)
-    message, *_ = request_realtime(ControllerSettings(realtime_priority=50))
-    assert 'priority 50 is rejected: it needs' in message and 'rtprio' in message
+    (message,) = request_realtime(ControllerSettings(realtime_priority=45))
+    assert 'priority 45 is rejected: it needs' in message and 'rtprio' in message
     assert 'Operation not permitted' in message
 
 
 @pytest.mark.parametrize(('priority', 'cpu'), [(1, 0), (50, 3)])
-def test_granted_priority_and_cpu_are_not_reported(monkeypatch, priority, cpu):
-    asked = []
-    for name in ('sched_setscheduler', 'sched_setaffinity'):
-        monkeypatch.setattr(os, name, lambda *wish: asked.append(wish))
-    assert (
-        request_realtime(ControllerSettings(realtime_priority=priority, cpu=cpu)) == []
+def test_granted_priority_and_cpu_are_not_reported(requests, priority, cpu):
+    settings = ControllerSettings(realtime_priority=priority, cpu=cpu)
+    assert request_realtime(settings) == []
+    assert ('sched_setaffinity', (0, {cpu})) in requests
+
+
+def test_priority_is_that_of_all_threads_but_of_no_child(requests):
+    release = threading.Event()
+    thread = threading.Thread(target=release.wait)
+    thread.start()
+    try:
+        set_priority(20)
+    finally:
+        release.set()
+        thread.join()
+    scheduled = [details for name, details in requests if name == 'sched_setscheduler']
+    assert {threading.main_thread().native_id, thread.native_id} <= {
+        number for number, _, _ in scheduled
+    }
+    assert {policy for _, policy, _ in scheduled} == {
+        os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    }
+
+
+def test_node_started_with_a_priority_keeps_it(monkeypatch, requests):
+    monkeypatch.setattr(os, 'sched_getscheduler', lambda _: os.SCHED_RR)
+    request_node_priority()
+    assert requests == []
+
+
+def test_node_without_permission_continues(monkeypatch):
+    monkeypatch.setattr(os, 'sched_setscheduler', reject)
+    request_node_priority()
+    assert realtime_priority() == 0
+
+
+@pytest.mark.realtime
+def test_process_without_a_pause_loses_its_priority():
+    program = """
+import os, time
+from facade_manipulator.drives.realtime import set_priority
+try:
+    set_priority(1)
+except PermissionError as error:
+    raise SystemExit(str(error))
+end = time.monotonic() + 2.5
+while os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK and time.monotonic() < end:
+    pass
+print('policy', os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
+"""
+    ended = subprocess.run(
+        [sys.executable, '-c', program],
+        capture_output=True,
+        text=True,
+        timeout=30.0,
+        check=False,
     )
-    (thread, policy, parameters), affinity = asked
-    assert (thread, policy) == (0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)
-    assert parameters.sched_priority == priority and affinity == (0, {cpu})
+    if 'not permitted' in ended.stderr:
+        pytest.skip('this account may not use real-time priority')
+    assert ended.stdout == f'policy {os.SCHED_OTHER}\n'
+    assert 'ran for 1 s without a pause' in ended.stderr
 
 
 def test_replaced_garbage_collector_runs_only_on_request(monkeypatch):

@@ -8,18 +8,21 @@ from types import SimpleNamespace
 import pytest
 
 from facade_manipulator.canopen.clock import Clock
+from facade_manipulator.drives.realtime import clear_priority
 from facade_manipulator.nodes import run
 
 
 @pytest.fixture
 def handlers(monkeypatch):
-    """Restore the signal handlers that a process of nodes replaces."""
+    """Restore the signal handlers and the scheduling that a process of nodes replaces."""
     # frozen objects would never be collected, because the tests do not thaw them
     monkeypatch.setattr(
         run, 'gc', SimpleNamespace(freeze=int, unfreeze=int, collect=gc.collect)
     )
-    before = {number: signal.getsignal(number) for number in run.STOP_SIGNALS}
+    replaced = (*run.STOP_SIGNALS, signal.SIGXCPU)
+    before = {number: signal.getsignal(number) for number in replaced}
     yield
+    clear_priority()
     for number, handler in before.items():
         signal.signal(number, handler)
 

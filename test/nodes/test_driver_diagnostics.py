@@ -45,7 +45,7 @@ def late(share, priority):
             True,
             [NO_PRIORITY, 'controller.realtime_priority', 'LimitRTPRIO'],
         ),
-        (late(0.9, 0), False, ['late in 90.0 %', SLOW, NO_PRIORITY]),
+        (late(0.9, 0), False, ['late in 90.0 %', SLOW, NO_PRIORITY, 'LimitRTPRIO']),
         ({'bus': BusStatistics(overflows=1)}, True, ['is active, with 1 overflows']),
         (
             {'bus': BusStatistics(condition='passive')},
