@@ -28,6 +28,7 @@ from rclpy.node import Node
 from facade_manipulator import topics
 from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.commands import above_zero, exit_status, require_packages
+from facade_manipulator.drives.realtime import PERMIT_PRIORITY
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics.planar import POSE_AXES
 from facade_manipulator.nodes import messages
@@ -40,14 +41,15 @@ from facade_manipulator.simulation.world.scenario import load_scenario
 NAMESPACE = 'demo'
 RECORDED = topics.HEAD_POSE, topics.RAIL_POSE, topics.REFERENCE, topics.CONTACT_WRENCH
 SAMPLES = 30_000  # for each topic: the last 300 s at 100 Hz
-OPERATION, CORRECTION = (
-    'driver: operation',
-    'compensator: correction',
-)  # on /diagnostics
+# components on /diagnostics
+OPERATION = 'driver: operation'
+BUS = 'driver: bus'
+CORRECTION = 'compensator: correction'
+PRIORITY = 'real-time priority'  # key of the bus
 COUNTERS = {  # component and key on /diagnostics
-    'bus_cycles': ('driver: bus', 'cycles'),
-    'late_cycles': ('driver: bus', 'late commands'),
-    'missed_cycles': ('driver: bus', 'missed cycles'),
+    'bus_cycles': (BUS, 'cycles'),
+    'late_cycles': (BUS, 'late commands'),
+    'missed_cycles': (BUS, 'missed cycles'),
     'drive_faults': (OPERATION, 'drive faults'),
     'rejected_goals': ('ik_service: goal', 'rejected'),
 }
@@ -230,17 +232,21 @@ class Demo:
 
     def report(self, run: report.Run) -> None:
         """Print and draw the run; raises a ManipulatorError if a result is below its limit."""
-        names, counters = (
-            ('disturbance_rms', 'residual_rms', 'attenuation_db'),
-            self.counters(),
-        )
+        names = ('disturbance_rms', 'residual_rms', 'attenuation_db')
+        counters = self.counters()
         axes = {
             axis: dict(zip(names, figures, strict=True))
             for (axis, *_), figures in zip(POSE_AXES, run.rms.tolist(), strict=True)
         }
         (self.output / 'summary.json').write_text(
             json.dumps(
-                {'axes': axes, 'duration_s': self.duration, **counters}, indent=2
+                {
+                    'axes': axes,
+                    'duration_s': self.duration,
+                    'realtime_priority': self.priority,
+                    **counters,
+                },
+                indent=2,
             )
             + '\n'
         )
@@ -250,6 +256,7 @@ class Demo:
             'RMS error on the wall without → with compensation (attenuation)',
             *run.figures,
             as_text(counters),
+            f'scheduling: {self.scheduling}',
             f'drawing the pictures in {self.output}/',
         )
         pictures = report.draw(run)
@@ -259,8 +266,9 @@ class Demo:
         say(f'written in {self.output}/: summary.json, pictures, animation, logs')
         if run.low and self.duration >= self.scenario.mission.shown_after:
             raise ManipulatorError(
-                f'attenuation too low: {"; ".join(run.low)}; {as_text(counters)}; '
-                'next: end other programs and run it again, then read the logs of the nodes'
+                f'attenuation too low: {"; ".join(run.low)}; {as_text(counters)}, '
+                f'{self.scheduling}; next: end other programs and run it again, then read '
+                'the logs of the nodes'
             )
 
     def keep_components(self, message: Any) -> None:
@@ -275,6 +283,18 @@ class Demo:
             name: int(messages.status_values(self.components[component]).get(key, 0))
             for name, (component, key) in COUNTERS.items()
         }
+
+    @property
+    def priority(self) -> int:
+        """Return the real-time priority of the control loop, 0 for none."""
+        return int(messages.status_values(self.components[BUS]).get(PRIORITY, 0))
+
+    @property
+    def scheduling(self) -> str:
+        """Return the scheduling of the control loop in words."""
+        if self.priority:
+            return f'real-time priority {self.priority} of the control loop'
+        return f'no real-time priority; {PERMIT_PRIORITY}'
 
     def last_line(self, name: str) -> str:
         """Return the last line of a node's log."""
