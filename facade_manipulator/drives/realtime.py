@@ -37,7 +37,7 @@ _PERMISSION = (
 )
 #: action of an operator whose control loop has no priority
 PERMIT_PRIORITY = (
-    'set controller.realtime_priority above 0, and permit it: it needs ' + _PERMISSION
+    f'set controller.realtime_priority above 0, and permit it with {_PERMISSION}'
 )
 NO_PRIORITY = (
     'the control loop runs without real-time scheduling: other programs can delay it until the '
