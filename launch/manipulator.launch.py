@@ -38,6 +38,7 @@ from facade_manipulator.kinematics import Geometry, urdf
 from facade_manipulator.nodes.messages import Frames
 from facade_manipulator.parameters import read_parameters, settings_from
 from facade_manipulator.resources import machine_files
+from facade_manipulator.timeouts import DRIVER_TIMEOUT
 
 PACKAGE = 'facade_manipulator'
 RECORDING = Path(__file__).with_name('record.launch.py')
@@ -45,9 +46,6 @@ BOOLEAN = ['true', 'false', 'True', 'False']
 # Ctrl-C may end a node before launch itself receives it, also while the node still starts.
 ORDERLY_ENDS = (0, INTERRUPTED, -signal.SIGINT)
 RESPAWN = {'respawn': True, 'respawn_delay': 2.0}  # s
-DRIVER_PATIENCE = (
-    '15.0'  # s: the driver ramps down, powers off and closes the bus before it ends
-)
 
 
 def _is_mock(context) -> bool:
@@ -94,7 +92,7 @@ def _manipulator(context) -> list:
         package=PACKAGE,
         executable='driver',
         name='driver',
-        sigterm_timeout=DRIVER_PATIENCE,
+        sigterm_timeout=str(DRIVER_TIMEOUT),
         parameters=[*files, override],
         **_common(context, 'driver'),
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 import facade_manipulator
 
 PACKAGE = Path(facade_manipulator.__file__).parent
-BASE = 'errors commands covariance parameters rejections resources'.split()
+BASE = 'errors commands covariance parameters rejections resources timeouts'.split()
 MATHEMATICS = 'kinematics estimation prediction motion compensation'
 MACHINE = (
     f'{MATHEMATICS} canopen drives control_loop topics nodes nodes.messages config_path'

@@ -37,6 +37,7 @@ from facade_manipulator.nodes.workarounds import take_waiting
 from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.demo import report
 from facade_manipulator.simulation.world.scenario import load_scenario
+from facade_manipulator.timeouts import DRIVER_TIMEOUT
 
 NAMESPACE = 'demo'
 RECORDED = topics.HEAD_POSE, topics.RAIL_POSE, topics.REFERENCE, topics.CONTACT_WRENCH
@@ -71,7 +72,6 @@ RESULTS = (
     'disturbance_estimator.log',
 )
 ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
-END_TIMEOUT = 5.0  # s, after which a node is killed
 TURN = 0.1  # s, period of the checks of goal and drives
 LINE_SAMPLES = 200  # at 100 Hz; the line counts the second half, the last second
 LAST_COUNTERS = 1.2  # s: each node publishes its counters once a second
@@ -225,7 +225,7 @@ class Demo:
             process.send_signal(signal.SIGINT)  # no effect on an ended process
         for process in self.nodes.values():
             with suppress(subprocess.TimeoutExpired):
-                process.wait(END_TIMEOUT)
+                process.wait(DRIVER_TIMEOUT)
             process.kill()  # likewise
         if 'driver' in self.nodes:
             say(self.last_line('driver'))

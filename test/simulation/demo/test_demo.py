@@ -6,10 +6,15 @@ from pathlib import Path
 import re
 import signal
 import time
+from unittest.mock import Mock
 import warnings
 
 import pytest
 from support import children, DEADLINE, patiently, wait_until
+
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.simulation.demo.demo import Demo
+from facade_manipulator.timeouts import braking_time, CLOSE_TIMEOUT
 
 DEMO = 'facade_manipulator.simulation.demo.demo'
 RUN_DEADLINE = 90.0  # s
@@ -50,6 +55,17 @@ def end(process, status, deadline=DEADLINE):
     text = process.log.read_text()
     assert process.returncode == status and 'Traceback' not in text, text
     return text
+
+
+def test_demo_waits_for_the_end_of_the_driver(monkeypatch, tmp_path):
+    monkeypatch.setattr('rclpy.try_shutdown', Mock())
+    (tmp_path / 'driver.log').write_text('The bus is closed.')
+    demo = Demo.__new__(Demo)
+    demo.client, demo.output = Mock(), tmp_path
+    demo.nodes = {'driver': (driver := Mock())}
+    demo.end_nodes()
+    (timeout,) = driver.wait.call_args.args
+    assert timeout >= CLOSE_TIMEOUT + braking_time(AxisSettings().stop_time)
 
 
 def test_run_attenuates_and_writes_its_report(start, folder):
