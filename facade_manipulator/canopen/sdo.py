@@ -29,10 +29,9 @@ from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.eds import read_dictionary
 from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
+from facade_manipulator.timeouts import ATTEMPTS, RESPONSE_TIMEOUT
 
 SDO_FRAME_LENGTH = 8
-ATTEMPTS = 3
-RESPONSE_TIMEOUT = 0.3  # s
 NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
 
 Result = TypeVar('Result')

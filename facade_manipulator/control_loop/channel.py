@@ -24,6 +24,7 @@ from facade_manipulator.drives.stopping import StoppingAnalysis
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.timeouts import braking_time
 
 # plain numbers: combining Python's flags takes longer than the system call
 _WITHOUT_WAITING = int(socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
@@ -52,7 +53,7 @@ class LoopSetup:
     @property
     def extra_time(self) -> float:
         """Return the time that slow brakes add to the end of the loop [s]."""
-        return 2.0 * max(axis.stop_time for axis in self.axes)
+        return braking_time(max(axis.stop_time for axis in self.axes))
 
     def stopping(self, limits: MotionLimits) -> StoppingAnalysis:
         """Return the stopping analysis of limits; raises the errors of its `check`."""

@@ -41,6 +41,7 @@ from facade_manipulator.motion.follower import SetpointFollower
 from facade_manipulator.motion.guard import homing_guard, measured_guard, path_guard
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
+from facade_manipulator.timeouts import CLOSE_REQUEST_TIMEOUT, END_TIMEOUT
 
 IDLE_WAIT = 0.05  # s without a bus; maximum delay of a signal
 NEWEST = 8  # messages of the stream that a turn handles
@@ -48,8 +49,6 @@ READING_SHARE = 0.1  # of the period: a flood of the stream delays the step by l
 SETUP_TIMEOUT = 10.0  # s, that the node has for sending the setup
 HANG_TIMEOUT = 5.0  # s of one turn, after which the kernel ends the process
 RENEWAL_PERIOD = 1.0  # s
-CLOSE_TIMEOUT = 6.5  # s: more than a ramp to rest, power off and the end of the bus
-END_TIMEOUT = 7.0  # s for the whole end, after which the kernel ends the process
 NOT_CLOSED = (
     'the control loop does not end, the power of the drives is unknown; next: switch their '
     'supply off'
@@ -216,7 +215,7 @@ class ControlLoop:
 
     def _close_controller(self) -> bool:
         replies: list[Any] = []
-        end = self._clock.monotonic() + CLOSE_TIMEOUT + self._setup.extra_time
+        end = self._clock.monotonic() + CLOSE_REQUEST_TIMEOUT + self._setup.extra_time
         self.controller.request('close', replies.append)
         while not replies and self._clock.monotonic() < end:
             self.controller.turn()

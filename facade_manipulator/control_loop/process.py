@@ -34,10 +34,9 @@ from facade_manipulator.motion.follower import StreamStatus
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.resources import import_path
+from facade_manipulator.timeouts import CLOSE_TIMEOUT
 
 START_TIMEOUT = 30.0  # s
-# s: more than the loop takes to ramp down, power off and close the bus
-CLOSE_TIMEOUT = 8.0
 # feeds, 3 s: without a bus the loop sends a state each second. The bound is not a time, because a
 # node that hung itself finds old states of a healthy loop.
 MAX_UNANSWERED = 60

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.timeouts import STEP_TIMEOUT
 
 STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no more
 
@@ -58,7 +59,7 @@ class ControllerSettings:
         2.0  # s, silence of the node after which the drives ramp down
     )
     heartbeat_period: float = 0.05  # s, of the heartbeats of master and drives
-    step_timeout: float = 1.0  # s, longest time for one step of the drives
+    step_timeout: float = STEP_TIMEOUT  # s, longest time for one step of the drives
     ramp_timeout: float = 5.0  # s, longest time to come to rest on the path
     hold_cycles: int = 20  # from power-on until targets are followed
 

@@ -43,15 +43,15 @@ from facade_manipulator.errors import (
     joined,
     ManipulatorError,
 )
-
-CLOSING_TIMEOUT = 3.0  # s
-ASKING_TIMEOUT = (
-    1.2  # s, for the few objects that are asked of a drive that may be absent
+from facade_manipulator.timeouts import (
+    ASKING_TIMEOUT,
+    ORDERLY_STOP_TIMEOUT,
+    STOP_AND_CUT,
 )
+
 TURN_TIMEOUT = (
     25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
 )
-STOP_AND_CUT = 2  # steps: a drive that still moves is stopped before it loses its power
 LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
 LONGEST_LISTENING = 5.0  # s, for a guarding or a SYNC of a drive with a long period
 SLOWEST = 20  # cycles in which each TPDO is sent once at 200 Hz; step_timeout covers faster rates
@@ -493,7 +493,7 @@ def cleanup(session: Session) -> Steps[str]:
 
 def close(session: Session) -> Steps[str]:
     """Power off in order, or stop the drives if that fails; then close the bus."""
-    group, end = session.group, session.now + CLOSING_TIMEOUT
+    group, end = session.group, session.now + ORDERLY_STOP_TIMEOUT
     if group.state.has_power:
         try:
             group.disable(session.now)
