@@ -30,11 +30,12 @@ from facade_manipulator.compensation.following import (
     GoalProgress,
     GoalState,
 )
-from facade_manipulator.errors import InputError, ManipulatorError, NEXT
+from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.planar import millimetres
-from facade_manipulator.nodes import conversions, messages
+from facade_manipulator.nodes import command_gate, conversions, messages
 from facade_manipulator.nodes.base_node import BaseNode
+from facade_manipulator.nodes.command_gate import CommandGate
 from facade_manipulator.nodes.conversions import (
     pose_stamped,
     ros_time,
@@ -48,13 +49,11 @@ from facade_manipulator.nodes.diagnostics import (
     Diagnostics,
     LOG_PERIOD,
 )
-from facade_manipulator.nodes.driver_status import DriverWatch, SILENT, STATUS_PERIOD
+from facade_manipulator.nodes.driver_status import DriverStatus, SILENT
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
 from facade_manipulator.nodes.settings import RateSettings
-
-REPORT_PERIOD = 0.05  # s
 
 
 class Goal(NamedTuple):
@@ -95,8 +94,6 @@ class CompensatorNode(BaseNode):
             ),
         )
         self._goal: Goal | None = None  # that is followed
-        #: waits for the driver's status after the activation
-        self._waiting: Goal | None = None
         self._newest: PoseStamped | None = None  # message of the newest goal
         self._out_of_plane = messages.OutOfPlane(0.0, 0.0)  # of the newest estimate
 
@@ -126,7 +123,17 @@ class CompensatorNode(BaseNode):
             'no goal was received; next: send goal_pose',
         )
         self.inputs = PublisherWatch(self, self.diagnostics)
-        self._driver = DriverWatch(self, self.inputs, self._choose_goal)
+        self._gate = CommandGate(
+            self._follow,
+            self._reject_held,
+            self._end_goal,
+            'send the goal with a new stamp',
+        )
+        self.inputs.subscribe(
+            topics.DRIVER_STATUS,
+            self._receive_status,
+            lambda *_: self._gate.receive_invalid(),
+        )
         facade, rail, end_effector = self._frames[1:]
         for topic in (topics.DISTURBANCE, topics.DISTURBANCE_ODOMETRY):
             self.inputs.subscribe(
@@ -145,7 +152,7 @@ class CompensatorNode(BaseNode):
         self.create_service(*topics.TARE, partial(self._answer, self._tare))
         self.create_service(*topics.HOLD, partial(self._answer, self._hold))
         steady_timer(self, 1.0 / rate, self._update)
-        steady_timer(self, REPORT_PERIOD, self._report_change)
+        steady_timer(self, command_gate.PERIOD, self._report_change)
 
     def _change(self, part: str, changed: Any) -> None:
         self._compensator.change(part, changed)
@@ -157,19 +164,15 @@ class CompensatorNode(BaseNode):
             return
         self._newest = message
         messages.require_recent_command('goal_pose', time, ros_time())
-        if self._driver.status is SILENT:  # two publishers silence the driver
+        if self._gate.status is SILENT:  # two publishers silence the driver
             self.inputs.require_sole(topics.DRIVER_STATUS.name)
         self._compensator.require_inside(pose)
-        goal = Goal(monotonic(), stamp_of(message), pose)
-        if self._waiting is not None:
-            self._progress.supersede(self._waiting.stamp)
-            self._waiting = None
-        if self._driver.may_move(goal.received):
-            self._follow(goal)
-        else:
-            self._waiting = goal
-        if self._driver.status is SILENT:
-            self._reject_waiting()
+        if self._gate.held is not None:
+            self._progress.supersede(self._gate.held.stamp)
+        self._gate.offer(Goal(monotonic(), stamp_of(message), pose))
+
+    def _receive_status(self, message: DiagnosticStatus) -> None:
+        self._gate.receive(monotonic(), ros_time(), DriverStatus.from_message(message))
 
     def _is_repetition(self, message: PoseStamped, pose: Pose) -> bool:
         """
@@ -181,63 +184,35 @@ class CompensatorNode(BaseNode):
         if message.header.stamp != Time():
             if message != self._newest:
                 return False
-            if self._waiting is None and not self._progress.stamp:
+            if self._gate.held is None and not self._progress.stamp:
                 self._progress.repeat()
             return True
-        goal = self._waiting or (self._goal if self._progress.stamp else None)
+        goal = self._gate.held or (self._goal if self._progress.stamp else None)
         return goal is not None and goal.pose == pose
 
     def _reject_goal(self, message: PoseStamped, error: ManipulatorError) -> None:
         self._newest = message
         stamp = stamp_of(message)
         accepted = [self._progress.stamp]
-        if self._waiting is not None:
-            accepted.append(self._waiting.stamp)
+        if self._gate.held is not None:
+            accepted.append(self._gate.held.stamp)
         if stamp not in accepted:  # a repetition does not change the answer
             self._progress.reject(stamp, str(error))
-
-    def _reject_waiting(self) -> None:
-        """Reject the waiting goal, because the drives do not follow it."""
-        goal = self._waiting
-        if goal is None:
-            return
-        self._waiting = None
-        idle = self._driver.idle
-        kind = 'inactive'
-        reason = 'it was sent before the drives were activated'
-        step = 'send the goal with a new stamp'
-        if idle:
-            kind = idle.state
-            reason = str(idle)
-            before = idle.next_step or 'wait until the drives are active'
-            step = f'{before}, then {step}'
-        reason = f'{reason}{NEXT}{step}'
-        self.diagnostics.reject(InputError(kind, reason), 'goal_pose rejected')
-        self._progress.reject(goal.stamp, reason)
-
-    def _choose_goal(self) -> None:
-        """Follow the waiting goal, or drop the followed goal, after a change of the driver."""
-        if self._goal is not None and not self._driver.may_move(self._goal.received):
-            self._goal = None
-            self._compensator.drop_goal()
-            self._progress.end(self._driver.end_of_goal)
-        if self._waiting is None:
-            return
-        if self._driver.may_move(self._waiting.received):
-            goal = self._waiting
-            self._waiting = None
-            try:  # the limits may have been changed in the meantime
-                self._follow(goal)
-            except ManipulatorError as error:
-                self.diagnostics.reject(error, 'goal_pose rejected')
-                self._progress.reject(goal.stamp, str(error))
-        elif self._driver.status is SILENT or not self._driver.idle:
-            self._reject_waiting()
 
     def _follow(self, goal: Goal) -> None:
         self._compensator.set_goal(goal.pose)
         self._goal = goal
         self._progress.accept(goal.stamp)
+
+    def _reject_held(self, goal: Goal, error: ManipulatorError) -> None:
+        self.diagnostics.reject(error, 'goal_pose rejected')
+        self._progress.reject(goal.stamp, str(error))
+
+    def _end_goal(self) -> None:
+        """Drop the goal from before a stop or the activation of the drives."""
+        self._goal = None
+        self._compensator.drop_goal()
+        self._progress.end(str(self._gate.refusal('send a new goal')))
 
     def _add_estimate(self, message: PoseWithCovarianceStamped | Odometry) -> None:
         child = getattr(
@@ -312,8 +287,7 @@ class CompensatorNode(BaseNode):
     def _report_change(self) -> None:
         """Publish the progress of the goal, and diagnostics that have changed."""
         now = monotonic()
-        if self._waiting is not None and now - self._waiting.received > STATUS_PERIOD:
-            self._reject_waiting()
+        self._gate.update(now)
         self._progress.update(now)
         self.diagnostics.publish_change(
             report.correction_outcome(self._compensator, now, self.inputs.fault)

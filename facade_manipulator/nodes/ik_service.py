@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 import math
 from time import monotonic
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
@@ -21,8 +21,9 @@ from facade_manipulator.motion.reference import (
     ReferenceSettings,
 )
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream, STREAM_GAP
-from facade_manipulator.nodes import conversions, messages
+from facade_manipulator.nodes import command_gate, conversions, messages
 from facade_manipulator.nodes.base_node import BaseNode
+from facade_manipulator.nodes.command_gate import CommandGate
 from facade_manipulator.nodes.conversions import (
     joint_state,
     pose_stamped,
@@ -32,7 +33,7 @@ from facade_manipulator.nodes.conversions import (
     system_time,
 )
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
-from facade_manipulator.nodes.driver_status import DriverWatch
+from facade_manipulator.nodes.driver_status import DriverStatus
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
@@ -41,6 +42,14 @@ ACTUATOR_SPACE = 'actuator_space'
 APPROACH_PERIOD = 0.01  # s
 REASON = 'reason', 'quantity', 'value', 'bound', 'unit'  # of a rejected request
 LEAD = 0.05  # s, by which the setpoints of an approach are sent ahead of their time
+
+
+class RailPose(NamedTuple):
+    """Pose of the head in frame `rail` for an instant."""
+
+    time: float  #: [s, monotonic]
+    pose: Pose
+    received: float  #: [s, monotonic]
 
 
 class IkServiceNode(BaseNode):
@@ -56,16 +65,10 @@ class IkServiceNode(BaseNode):
         self._approach_timer = steady_timer(
             self, APPROACH_PERIOD, self._continue_approach, autostart=False
         )
-        # of the last goal, on the monotonic clock [s]: its instant, its reception
-        self._followed_time = -math.inf
-        self._followed_at = -math.inf
-        # the first pose after a pause, with its reception [s, monotonic]: it begins a stream, or
-        # an approach if no other follows
-        self._first: tuple[float, Pose] | None = None
+        self._followed_time = -math.inf  # of the last followed pose [s, monotonic]
+        # the first pose after a pause: it begins a stream, or an approach if no other follows
+        self._first: RailPose | None = None
         self._is_at_rest = True  # before the approach has begun
-        self._waiting: tuple[float, Pose] | None = (
-            None  # goal before activation, when received
-        )
         self._head: Pose | None = None
         self._rejected = ''
         self._setpoint_count = 0
@@ -80,7 +83,14 @@ class IkServiceNode(BaseNode):
         self._description = conversions.Description(self, geometry)
         self._rejected_requests = self.create_publisher(*topics.REJECTIONS)
         self.inputs = PublisherWatch(self, self.diagnostics, self._change_publishers)
-        self._driver = DriverWatch(self, self.inputs, self._change_driver)
+        self._gate = CommandGate(
+            self._follow, self._reject, self._end_commands, 'send the pose again'
+        )
+        self.inputs.subscribe(
+            topics.DRIVER_STATUS,
+            self._receive_status,
+            lambda *_: self._gate.receive_invalid(),
+        )
         self.inputs.subscribe(
             topics.CORRECTED_POSE,
             self._receive_corrected_pose,
@@ -89,29 +99,34 @@ class IkServiceNode(BaseNode):
         )
         self.inputs.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         self.create_service(*topics.SOLVE, self._solve)
+        steady_timer(self, command_gate.PERIOD, self._report_change)
+
+    def _receive_status(self, message: DiagnosticStatus) -> None:
+        self._gate.receive(monotonic(), ros_time(), DriverStatus.from_message(message))
 
     def _receive_corrected_pose(self, message: PoseStamped) -> None:
         stamp = messages.seconds(message.header.stamp)
         messages.require_recent_command('corrected_pose', stamp, ros_time())
         pose = messages.planar_pose(message.pose, 'corrected_pose')
-        self._follow(
-            steady_seconds(message.header.stamp) if stamp else monotonic(), pose
-        )
-
-    def _follow(self, time: float, pose: Pose) -> None:
-        """Follow a pose of a stream for a time [s, monotonic]; approach a single pose."""
-        if self._driver.idle:
+        received = monotonic()
+        time = steady_seconds(message.header.stamp) if stamp else received
+        if not self._gate.is_open:
             self._stream.certify(pose)
-            self._waiting = monotonic(), pose
-            return
+        self._gate.offer(RailPose(time, pose, received))
+
+    def _follow(self, command: RailPose) -> None:
+        """Follow a pose of a stream; approach a single pose."""
+        pose = command.pose
+        time = command.time
+        if monotonic() - command.received > command_gate.PERIOD:
+            time = monotonic()  # the gate has held the pose
         is_first = abs(time - self._followed_time) > STREAM_GAP
         if is_first:  # an approach begins at the head
             self.inputs.require_sole(topics.JOINT_STATES.name)
         self._followed_time = time
-        self._followed_at = monotonic()
         if is_first and self._head is not None:
             self._stream.certify(pose)
-            self._first = self._followed_at, pose
+            self._first = command
             if self._approach_timer.is_canceled():
                 self._is_at_rest = True
                 self._stream.setpoint(time, pose)  # the next pose has a velocity
@@ -119,6 +134,17 @@ class IkServiceNode(BaseNode):
         else:
             self._cancel_approach()
             self._send(time, pose)
+
+    def _reject(self, _: RailPose, error: ManipulatorError) -> None:
+        """Count a pose that is not followed; while the gate is closed the outcome is known."""
+        self.diagnostics.reject(error, 'corrected_pose rejected')
+        if self._gate.is_open:
+            self._end_approach(None, error)
+
+    def _end_commands(self) -> None:
+        """Forget the poses from before a stop or the activation of the drives."""
+        self._cancel_approach()
+        self._rejected = ''
 
     def _cancel_approach(self) -> None:
         self._first = None
@@ -138,8 +164,9 @@ class IkServiceNode(BaseNode):
 
     def _continue_approach(self) -> None:
         """Send the next setpoint of an approach; begin an approach that is due."""
-        if self._first is not None and monotonic() - self._first[0] > STREAM_GAP:
-            self._begin_approach(self._first[1])
+        first = self._first
+        if first is not None and monotonic() - first.received > STREAM_GAP:
+            self._begin_approach(first.pose)
         if self._is_at_rest:
             return
         time = monotonic() + LEAD
@@ -161,13 +188,11 @@ class IkServiceNode(BaseNode):
         )
         self._setpoint_count += 1
         self._rejected = ''
-        self.diagnostics.publish_change(self._outcome())
 
     def _end_approach(self, _: PoseStamped | None, error: ManipulatorError) -> None:
         """End the approach, because a goal or a pose on the path to the goal is rejected."""
         self._cancel_approach()
         self._rejected = str(error)
-        self.diagnostics.publish_change(self._outcome())
 
     def _receive_joint_states(self, message: JointState) -> None:
         self._head = None
@@ -225,21 +250,14 @@ class IkServiceNode(BaseNode):
         start = messages.pose_in_frame(request.start, self._frames.rail, 'start')
         return self._stream.path(start, goal, request.tolerance)
 
-    def _change_driver(self) -> None:
-        """Follow only goals that were received after the activation of the drives."""
-        self._rejected = ''
-        if not self._driver.may_move(self._followed_at):
-            self._cancel_approach()
-        if self._waiting is not None and self._driver.may_move(self._waiting[0]):
-            (_, pose), self._waiting = self._waiting, None
-            with self.diagnostics.counted():
-                self._follow(monotonic(), pose)
-        self.diagnostics.publish_change(self._outcome())
-
     def _change_publishers(self) -> None:
         """Forget the head while two nodes publish joint_states."""
         if self.inputs.fault_of(topics.JOINT_STATES.name):
             self._head = None
+
+    def _report_change(self) -> None:
+        """Apply the time-outs of the gate, and publish diagnostics that have changed."""
+        self._gate.update(monotonic())
         self.diagnostics.publish_change(self._outcome())
 
     def _outcome(self) -> tuple[str, str]:
@@ -248,17 +266,20 @@ class IkServiceNode(BaseNode):
             return 'error', self.inputs.fault
         if self._rejected:
             return 'error', self._rejected
-        if idle := self._driver.idle:
-            next_step = f'; next: {idle.next_step}' if idle.next_step else ''
-            return 'warn', f'no goal is followed: {idle}{next_step}'
-        if not self._driver.may_move(self._followed_at):
+        status = self._gate.status
+        if status is None:
+            return (
+                'ok',
+                'following the goals' if self._setpoint_count else 'no goal yet',
+            )
+        if not self._gate.is_open:
+            next_step = f'; next: {status.next_step}' if status.next_step else ''
+            return 'warn', f'no goal is followed: {status}{next_step}'
+        if not self._gate.has_passed:
             return 'ok', 'holding: no goal since the drives were activated'
-        if (
-            self._driver.status is not None
-            and self._driver.status.activity == 'holding'
-        ):
+        if status.activity == 'holding':
             return 'ok', 'holding: no goal is received'
-        return 'ok', 'following the goals' if self._setpoint_count else 'no goal yet'
+        return 'ok', 'following the goals'
 
     def _components(self) -> list[DiagnosticStatus]:
         return [

@@ -154,7 +154,7 @@ class NodeBench:
         """Publish a driver/status and wait until the node has received it."""
         status = DriverStatus(state, activity, next_step, since)
         self.publish(topics.DRIVER_STATUS, driver_message(status))
-        self.ros.until(lambda: self.tested._driver.status == status, state)
+        self.ros.until(lambda: self.tested._gate.status == status, state)
 
 
 def diagnostics_of(node):

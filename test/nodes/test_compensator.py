@@ -260,11 +260,11 @@ def test_second_driver_is_named_as_the_cause_of_silence(ros, neighbours):
 
 def test_goal_right_after_the_activation_is_followed(neighbours, monkeypatch):
     """The goal may arrive before the driver's status, which another process publishes."""
-    monkeypatch.setattr('facade_manipulator.nodes.compensator.STATUS_PERIOD', 60.0)
+    monkeypatch.setattr('facade_manipulator.nodes.command_gate.PATIENCE', 60.0)
     neighbours.publish_driver('activating')
     since = neighbours.now()
     neighbours.send_goal()
-    neighbours.ros.until(lambda: neighbours.tested._waiting, 'the goal')
+    neighbours.ros.until(lambda: neighbours.tested._gate.held, 'the goal')
     neighbours.publish_driver('active', since=since)
     neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
     neighbours.until_goal_status('accepted')
@@ -275,15 +275,12 @@ class GoalAnswers:
 
     def __init__(self, ros, monkeypatch):
         self.time = 1000.0
-        for module in ('compensator', 'driver_status', 'conversions'):
+        for module in ('compensator', 'conversions'):
             monkeypatch.setattr(
                 f'facade_manipulator.nodes.{module}.ros_time', lambda: self.time
             )
         monkeypatch.setattr(
             'facade_manipulator.nodes.compensator.monotonic', lambda: self.time
-        )
-        monkeypatch.setattr(
-            'facade_manipulator.nodes.driver_status.time.monotonic', lambda: self.time
         )
         self.node = ros.add(CompensatorNode())
         self.node._progress._publish = self._record
@@ -309,7 +306,8 @@ class GoalAnswers:
             self.node._reject_goal(self._message, error)
 
     def driver(self, state, since=math.inf):
-        self.node._driver._change(DriverStatus(state, 'holding', 'activate', since))
+        status = DriverStatus(state, 'holding', 'activate', since)
+        self.node._gate.receive(self.time, self.time, status)
 
     def activate(self):
         """Report drives that were activated 0.1 s before this report."""
@@ -322,7 +320,7 @@ class GoalAnswers:
         self.driver('activating')
 
     def silence(self):
-        self.node._driver._change(SILENT)
+        self.wait(2.1)
 
     def wait(self, seconds=0.06):
         self.time += seconds
@@ -385,11 +383,11 @@ def test_goal_before_driver_status_is_answered_in_time(ros, monkeypatch, later, 
 
 @pytest.mark.parametrize('during', [False, True])
 def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, during):
-    monkeypatch.setattr('facade_manipulator.nodes.driver_status.SILENCE', 0.3)
+    monkeypatch.setattr('facade_manipulator.nodes.command_gate.SILENCE', 0.3)
     # shorter than the silence, as in the node
-    monkeypatch.setattr('facade_manipulator.nodes.compensator.STATUS_PERIOD', 0.075)
+    monkeypatch.setattr('facade_manipulator.nodes.command_gate.PATIENCE', 0.075)
     neighbours = Neighbours(ros)
-    watch = neighbours.tested._driver
+    gate = neighbours.tested._gate
     neighbours.publish_driver('inactive', next_step='activate')
     neighbours.send_goal()
     neighbours.until_goal_status(
@@ -414,7 +412,7 @@ def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, du
     neighbours.statuses.clear()
     neighbours.corrected.clear()
     neighbours.publish_driver('active', since=since)
-    ros.until(lambda: watch.idle, 'another silence')
+    ros.until(lambda: gate.status is SILENT, 'another silence')
     # one message was still in the middleware
     assert len(neighbours.corrected) <= 1 and not neighbours.statuses
     neighbours.publish_driver('active', since=since)

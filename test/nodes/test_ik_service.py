@@ -21,6 +21,7 @@ from facade_manipulator.kinematics import (
 )
 from facade_manipulator.motion.reference import ReferenceSettings
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped
+from facade_manipulator.nodes.driver_status import SILENT
 from facade_manipulator.nodes.ik_service import IkServiceNode, LEAD
 from facade_manipulator.nodes.messages import (
     CARRIAGES,
@@ -46,6 +47,7 @@ class Bench(NodeBench):
             lambda: (
                 self.tested.count_subscribers('joint_setpoints') == 1
                 and self.components
+                and self.tested._gate.is_open  # without a driver
             ),
             'the graph',
         )
@@ -267,7 +269,7 @@ def test_pose_before_the_activation_moves_nothing(bench):
     bench.until_head(Pose(-0.05, 0.25, 0.0))
     bench.publish_driver('inactive')
     bench.send(MIDDLE)
-    bench.until(lambda: bench.tested._waiting, 'the goal')
+    bench.until(lambda: bench.tested._gate.held, 'the goal')
     bench.publish_driver('active', since=bench.now())
     assert not bench.is_approaching
     bench.publish_driver('activating')
@@ -275,20 +277,32 @@ def test_pose_before_the_activation_moves_nothing(bench):
     bench.send(
         MIDDLE
     )  # right after the activation, which the driver's status reports later
-    bench.until(lambda: bench.tested._waiting, 'the goal')
+    bench.until(lambda: bench.tested._gate.held, 'the goal')
     bench.publish_driver('active', since=since)
     bench.until(lambda: bench.setpoints, 'a setpoint')
     bench.publish_driver('stopped')
     bench.until(lambda: not bench.is_approaching, 'the end of the approach')
 
 
+def test_pose_that_the_gate_held_is_for_the_present(bench, monkeypatch):
+    monkeypatch.setattr('facade_manipulator.nodes.command_gate.PATIENCE', 60.0)
+    bench.publish_driver('activating')
+    since = bench.now()
+    bench.send(MIDDLE, since)
+    bench.until(lambda: bench.tested._gate.held, 'the pose')
+    bench.until(lambda: bench.now() > since + 0.3, 'a late status')
+    bench.publish_driver('active', since=since)
+    bench.until(lambda: bench.setpoints, 'a setpoint')
+    assert seconds(bench.setpoints[0].header.stamp) > since + 0.3
+
+
 def test_pose_during_driver_silence_moves_nothing(ros, monkeypatch):
-    monkeypatch.setattr('facade_manipulator.nodes.driver_status.SILENCE', 0.3)
+    monkeypatch.setattr('facade_manipulator.nodes.command_gate.SILENCE', 0.3)
     bench = Bench(ros)
     bench.until_head(Pose(-0.05, 0.25, 0.0))
     since = bench.now()
     bench.publish_driver('active', since=since)
-    bench.until(lambda: bench.tested._driver.idle, 'silence')
+    bench.until(lambda: bench.tested._gate.status is SILENT, 'silence')
     bench.tested._receive_corrected_pose(rail(MIDDLE))
     bench.publish_driver('active', since=since)
     assert not bench.is_approaching and not bench.setpoints
