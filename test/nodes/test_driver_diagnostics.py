@@ -1,5 +1,7 @@
 """Components of the driver: levels, messages and values, and marks on old values."""
 
+import math
+
 import pytest
 
 from facade_manipulator.canopen.link import BusStatistics
@@ -11,18 +13,39 @@ from facade_manipulator.drives.snapshot import (
     ControllerState,
 )
 from facade_manipulator.motion.follower import StreamStatus
+from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
     ERRORS,
-    group_outcome,
-    MAX_LATE_SHARE,
-    operation_status,
     StopCounter,
 )
 from facade_manipulator.nodes.messages import status_level, status_values
 
+try:  # the function that makes the words of driver/status
+    from facade_manipulator.drives import outcome
+except ImportError:
+    outcome = None
+MAX_LATE_SHARE = (outcome or driver_diagnostics).MAX_LATE_SHARE
 SLOW, NO_PRIORITY = 'end other programs on this computer', 'without real-time'
+
+
+def group_outcome(snapshot, *problems):
+    """Return level and message for a snapshot and the problems of the node."""
+    if outcome is None:
+        return driver_diagnostics.group_outcome(snapshot, *problems)
+    found = outcome.outcome_of(snapshot, '', outcome.NodeProblems(*problems))
+    return found.level, found.message
+
+
+def operation_status(snapshot, stream, more):
+    """Return the component operation of a driver that was never active."""
+    if outcome is None:
+        return driver_diagnostics.operation_status(
+            snapshot, stream, ('error', ''), more
+        )
+    found = outcome.outcome_of(snapshot, stream.activity)
+    return driver_diagnostics.operation_status(found, snapshot, stream, math.inf, more)
 
 
 def late(share, priority):
@@ -133,7 +156,7 @@ def test_operation_and_bus_values_have_units_of_their_keys():
     assert status_level(gone) == 'error'
     assert gone.message.startswith('can0 is down; next: ')
     values = status_values(bus_status(snapshot)) | status_values(
-        operation_status(snapshot, stream, ('error', ''), {'version': '1'})
+        operation_status(snapshot, stream, {'version': '1'})
     )
     expected = {
         'cause': 'late',
