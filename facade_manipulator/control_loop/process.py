@@ -23,6 +23,7 @@ import time
 from typing import Any
 
 from facade_manipulator.control_loop.channel import Channel, channel_ends, LoopSetup
+from facade_manipulator.drives.outcome import outcome_of
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
     Cause,
@@ -306,8 +307,7 @@ class LoopClient:
         self._reject_pending(reason)
 
     def _reject_pending(self, reason: str) -> None:
-        if next_step := self.snapshot().next_step:
-            reason = f'{reason}; next: {next_step}'
+        reason = outcome_of(self.snapshot()).with_next_step(reason)
         for on_reply in self._pending.values():
             self._replies.append((on_reply, DriveError(reason)))
         self._pending.clear()

@@ -18,6 +18,7 @@ from typing import Any
 
 from facade_manipulator.drives import realtime
 from facade_manipulator.drives.controller_settings import STATES_RATE
+from facade_manipulator.drives.outcome import outcome_of
 from facade_manipulator.drives.requests import REQUESTS, Session
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
@@ -26,13 +27,7 @@ from facade_manipulator.drives.snapshot import (
     ControllerState,
 )
 from facade_manipulator.drives.targets import allow_anything
-from facade_manipulator.errors import (
-    BusError,
-    DriveStateError,
-    joined,
-    ManipulatorError,
-    NEXT,
-)
+from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
 
 IDLE_PERIOD = 1.0  # s between two states without a bus
 NEXT_STEPS = {
@@ -240,9 +235,9 @@ class DriveController(Session):
 
     def _explained(self, message: str) -> str:
         """Return a reply with the present power and next step."""
-        power = f'power: {self._snapshot.power}' if self.is_configured else ''
-        step = self._snapshot.next_step and f'{NEXT}{self._snapshot.next_step}'
-        return joined(message.rstrip('.'), power, step)
+        outcome = outcome_of(self._snapshot)
+        power = f'power: {outcome.power}' if self.is_configured else ''
+        return outcome.with_next_step(message.rstrip('.'), power)
 
     def _recover(self, error: Exception) -> None:
         """Stop the drives for an unexpected error; the loop continues."""

@@ -27,7 +27,8 @@ from facade_manipulator.control_loop.process import (
     start_process,
 )
 from facade_manipulator.drives.controller_settings import STATES_RATE
-from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
+from facade_manipulator.drives.outcome import NodeProblems, Outcome, outcome_of
+from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import (
     DriveError,
     DriveStateError,
@@ -40,11 +41,7 @@ from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.conversions import joint_state, steady_timer, system_time
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_setup import declare_setup
-from facade_manipulator.nodes.driver_status import (
-    DriverStatus,
-    state_sentence,
-    STATUS_PERIOD,
-)
+from facade_manipulator.nodes.driver_status import state_sentence, STATUS_PERIOD
 from facade_manipulator.nodes.lifecycle import ManagedNode, OnReply, UNCONFIGURED
 from facade_manipulator.nodes.messages import CARRIAGES, carriages_from, seconds
 from facade_manipulator.nodes.parameters import declare
@@ -65,14 +62,12 @@ class DriverNode(ManagedNode):
 
     """
 
-    own_name = 'driver'
-
     wants_priority = True
 
     def __init__(
         self, launch: Callable[..., Any] = start_process, **kwargs: Any
     ) -> None:
-        super().__init__(self.own_name, **kwargs)
+        super().__init__('driver', **kwargs)
         settings = declare(self, DriverSettings)
         self._is_simulated = settings.simulate_drives
         setup = declare_setup(self, self._is_simulated, self._change_limits)
@@ -86,11 +81,10 @@ class DriverNode(ManagedNode):
             'version': version('facade_manipulator'),
         }
         self._published_stamp: float | None = None  # of joint_states
-        self._published_status: Any = None
-        self._status_due, self._active_since = (
-            -math.inf,
-            math.inf,
-        )  # s, monotonic
+        self._published_outcome: Outcome | None = None
+        self._published_axes: Any = None  # their states, and that of the bus
+        self._status_due = -math.inf  # s, monotonic
+        self._active_since = math.inf  # s, monotonic
         self._stops = driver_diagnostics.StopCounter()
 
         self._joint_states = self.create_publisher(*topics.JOINT_STATES)
@@ -139,7 +133,7 @@ class DriverNode(ManagedNode):
         except DriveError as error:
             self.get_logger().error(str(error))
         if self.context.ok():  # other nodes need not wait for the silence
-            self._publish_status()
+            self._publish_outcome()
 
     def handle_exception(self, error: Exception) -> None:
         """Stop the drives after an exception in a callback, which is a defect of this node."""
@@ -147,14 +141,12 @@ class DriverNode(ManagedNode):
 
     def next_step(self) -> str:
         """Return the next step of the operator as the end of a message."""
-        step = self._loop.snapshot().next_step
-        return f'; next: {step}' if step else ''
+        return self._outcome().with_next_step('')
 
     def report(self, is_successful: bool, message: str) -> None:
         """Report the result of a request in the log, on driver/status and on /diagnostics."""
         super().report(is_successful, message)
-        self._publish_status()
-        self.diagnostics.publish()
+        self._publish_outcome()
 
     def _change_limits(self, limits: MotionLimits) -> None:
         self._loop.change(limits=limits)
@@ -166,11 +158,10 @@ class DriverNode(ManagedNode):
     def _receive_setpoint(self, message: JointState) -> None:
         state = self._loop.snapshot().state
         if state is not ControllerState.ACTIVE:
-            error = InputError(
-                state.value,
-                f'setpoint rejected: {state_sentence(state.value)}, required is '
-                f'active{self.next_step()}',
+            reason = (
+                f'setpoint rejected: {state_sentence(state.value)}, required is active'
             )
+            error = InputError(state.value, self._outcome().with_next_step(reason))
             # ik_service receives the new state a moment after an ordinary deactivate
             self.diagnostics.reject(
                 error, is_logged=state is not ControllerState.DEACTIVATING
@@ -212,58 +203,53 @@ class DriverNode(ManagedNode):
         self._apply_software_stop()
         if stop := self._stops.count(snapshot):
             self.get_logger().error(stop)
-        self._publish_status()
+        self._publish_outcome()
         if not snapshot.state.is_active:
             self.fall_back(
                 snapshot.state in (ControllerState.LOST, ControllerState.UNCONFIGURED)
             )
-        self.diagnostics.publish_change((snapshot.outcome(), self._outcome(snapshot)))
         self._loop.feed()
 
-    def _publish_status(self) -> None:
-        """Publish driver/status on change, and every `STATUS_PERIOD`."""
+    def _publish_outcome(self) -> None:
+        """Publish the outcome after a change, on driver/status also every `STATUS_PERIOD`."""
         snapshot, now = self._loop.snapshot(), time.monotonic()
         if snapshot.state is not ControllerState.ACTIVE:
             self._active_since = math.inf
         elif math.isinf(self._active_since):
             self._active_since = now
-        status, outcome = (
-            DriverStatus(
-                snapshot.state.value,
-                self._loop.stream_status().activity,
-                snapshot.next_step,
-                system_time(self._active_since),
-                snapshot.power,
-            ),
-            self._outcome(snapshot),
-        )
-        if (status, outcome) != self._published_status or now >= self._status_due:
-            self._published_status, self._status_due = (
-                (status, outcome),
-                now + STATUS_PERIOD,
-            )
-            self._status.publish(
-                diagnostic_status('operation', *outcome, status.values())
-            )
 
-    def _outcome(self, snapshot: ControllerSnapshot) -> tuple[str, str]:
-        """Return level and message: the cause of a stop, or a fault for the operator."""
-        return driver_diagnostics.group_outcome(
-            snapshot,
+        has_changed = self._outcome() != self._published_outcome
+        if has_changed or now >= self._status_due:
+            self._published_outcome = self._outcome()
+            self._status_due = now + STATUS_PERIOD
+            self._status.publish(self._operation())
+        if has_changed or snapshot.outcome() != self._published_axes:
+            self._published_axes = snapshot.outcome()
+            self.diagnostics.publish()
+
+    def _outcome(self) -> Outcome:
+        """Return state, cause and next step with the problems that this node detects."""
+        problems = NodeProblems(
             self.last_failure,
             self._inputs.fault,
             self._software_stop.cause(time.monotonic()),
+        )
+        activity = self._loop.stream_status().activity
+        return outcome_of(self._loop.snapshot(), activity, problems)
+
+    def _operation(self) -> DiagnosticStatus:
+        return driver_diagnostics.operation_status(
+            self._outcome(),
+            self._loop.snapshot(),
+            self._loop.stream_status(),
+            system_time(self._active_since),
+            self._stops.values | self._constants,
         )
 
     def _components(self) -> list[DiagnosticStatus]:
         snapshot = self._loop.snapshot()
         return [
-            driver_diagnostics.operation_status(
-                snapshot,
-                self._loop.stream_status(),
-                self._outcome(snapshot),
-                self._stops.values | self._constants,
-            ),
+            self._operation(),
             driver_diagnostics.bus_status(snapshot, not self._is_simulated),
             *map(driver_diagnostics.axis_status, snapshot.axes),
         ]

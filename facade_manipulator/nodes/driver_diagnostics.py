@@ -6,24 +6,18 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from facade_manipulator.drives.cycle import LATE_WINDOW
-from facade_manipulator.drives.realtime import NO_PRIORITY, PERMIT_PRIORITY
+from facade_manipulator.drives.outcome import ERRORS, Outcome, outcome_of, overload
+from facade_manipulator.drives.realtime import NO_PRIORITY
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
     ControllerSnapshot,
     ControllerState,
-    Remedy,
 )
 from facade_manipulator.drives.states import State
 from facade_manipulator.errors import joined, NEXT
 from facade_manipulator.motion.follower import StreamStatus
 from facade_manipulator.nodes.diagnostics import diagnostic_status
 
-ERRORS = (ControllerState.STOPPED, ControllerState.BUS_LOST, ControllerState.LOST)
-WARNINGS = (ControllerState.HALTED, ControllerState.HALTING)
-# Share of LATE_WINDOW cycles. At 100 Hz without priority, on two processors: at most 0.2 % beside
-# idle programs; at least 0.8 % in each window with three late cycles in a row, beside busy ones
-MAX_LATE_SHARE = 0.005
 _BUS_WORDS = {
     ControllerState.UNCONFIGURED: 'closed',
     ControllerState.CLOSED: 'closed',
@@ -54,78 +48,40 @@ class StopCounter:
             cause.is_requested for cause in snapshot.causes[:1]
         )
         self._counts['software stops' if is_requested else 'drive faults'] += 1
-        return f'{snapshot.bus_error or snapshot.cause}; next: {snapshot.next_step}'
+        return outcome_of(snapshot).with_next_step(snapshot.bus_error or snapshot.cause)
 
 
 def operation_status(
+    outcome: Outcome,
     snapshot: ControllerSnapshot,
     stream: StreamStatus,
-    outcome: tuple[str, str],
-    counters: dict[str, Any],
+    active_since: float,
+    more: dict[str, Any],
 ) -> DiagnosticStatus:
-    """Return the component of the group of drives: state, cause, last rejection, next step."""
+    """
+    Return the component of the group of drives, which is also the message on driver/status.
+
+    The drives follow setpoints since a time [s, ROS time], which is infinite while they do not.
+    """
     return diagnostic_status(
         'operation',
-        *outcome,
+        outcome.level,
+        outcome.message,
         {
-            'state': snapshot.state.value,
-            'power': snapshot.power,
-            'activity': stream.activity,
-            'cause': snapshot.cause,
-            'next step': snapshot.next_step,
+            'state': outcome.state,
+            'power': outcome.power,
+            'activity': outcome.activity,
+            'cause': outcome.cause,
+            'next step': outcome.next_step,
+            'active since': str(active_since),  # all digits
             'further causes': '; '.join(one.message for one in snapshot.causes[1:]),
             'notes': '; '.join(snapshot.notes),
             'not homed': ', '.join(snapshot.unhomed),
             'limited cycles': stream.limited_cycles,
             'brakes': stream.brakes,
             'last brake': stream.last_brake,
-            **counters,
+            **more,
         },
-    )
-
-
-def group_outcome(
-    snapshot: ControllerSnapshot, last_failure: str, fault: str, forbidden: str
-) -> tuple[str, str]:
-    """
-    Return level and message: the state, the most severe problem, and the next step.
-
-    The problem is the cause of a stop, a fault of the graph, the reason that forbids power, or
-    the last rejected request and an overload. The next step is that of the state. The remedy of a
-    fault, which blocks the state's next step, stands before it, and that of an overload after it.
-    """
-    slow = overload(snapshot)
-    level = 'ok'
-    if last_failure or slow or forbidden or snapshot.state in WARNINGS:
-        level = 'warn'
-    if fault or snapshot.state in ERRORS:
-        level = 'error'
-
-    doing = snapshot.state.value
-    following = f'{NEXT}{snapshot.next_step}' if snapshot.next_step else ''
-    if reason := snapshot.cause or ('' if fault else forbidden):
-        return level, f'{doing}: {reason}{following}'
-    if fault:
-        return level, joined(doing, fault, following)
-    failure, _, _ = last_failure.partition(NEXT)  # its next step may be done
-    return level, joined(doing + following, failure, slow)
-
-
-def overload(snapshot: ControllerSnapshot) -> str:
-    """Return a warning if the computer is too slow for the cycle, else ``''``."""
-    share = snapshot.cycle.late_share
-    if share <= MAX_LATE_SHARE:
-        return ''
-
-    seen = (
-        f'the control loop was late in {100.0 * share:.1f} % of {LATE_WINDOW} cycles, '
-        f'above the limit {100.0 * MAX_LATE_SHARE:g} %'
-    )
-    if snapshot.realtime_priority:
-        return f'{seen}; next: {Remedy.COMPUTER}'
-    return (
-        f'{seen}, without real-time scheduling; next: {PERMIT_PRIORITY}, or '
-        f'{Remedy.COMPUTER}'
     )
 
 
@@ -142,12 +98,12 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
         'real-time priority': snapshot.realtime_priority,
         **{name.replace('_', ' '): value for name, value in vars(bus).items()},
     }
-    if snapshot.bus_error:
-        lost = f'{snapshot.bus_error}{NEXT}{snapshot.next_step}'
-        return diagnostic_status('bus', 'error', lost, values)
+    lost = snapshot.bus_error
     if snapshot.state is ControllerState.LOST:
-        lost = f'unknown: {snapshot.cause}; next: {snapshot.next_step}'
-        return diagnostic_status('bus', 'error', lost, values)
+        lost = f'unknown: {snapshot.cause}'
+    if lost:
+        message = outcome_of(snapshot).with_next_step(lost)
+        return diagnostic_status('bus', 'error', message, values)
     late = overload(snapshot)
     wants_priority = snapshot.realtime_priority == 0 and is_real and not late
     is_disturbed = bus.condition != 'active' or bus.overflows

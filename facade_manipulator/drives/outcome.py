@@ -1,0 +1,113 @@
+"""
+Outcome of the driver: state, activity, cause, next step, power and level, and their words.
+
+Driver/status, /diagnostics, the log and the replies to requests use these words.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from facade_manipulator.drives.cycle import LATE_WINDOW
+from facade_manipulator.drives.realtime import PERMIT_PRIORITY
+from facade_manipulator.drives.snapshot import (
+    ControllerSnapshot,
+    ControllerState,
+    Remedy,
+)
+from facade_manipulator.errors import joined, NEXT
+
+ERRORS = (ControllerState.STOPPED, ControllerState.BUS_LOST, ControllerState.LOST)
+WARNINGS = (ControllerState.HALTED, ControllerState.HALTING)
+# Share of LATE_WINDOW cycles. At 100 Hz without priority, on two processors: at most 0.2 % beside
+# idle programs; at least 0.8 % in each window with three late cycles in a row, beside busy ones
+MAX_LATE_SHARE = 0.005
+
+
+class NodeProblems(NamedTuple):
+    """Problems that only the node detects, ``''`` for none."""
+
+    last_failure: str = ''  #: message of the last request if it failed
+    fault: str = ''  #: second publisher of a topic, with its next step
+    forbidden: str = ''  #: why no drive may have power
+
+
+NO_PROBLEMS = NodeProblems()
+
+
+class Outcome(NamedTuple):
+    """State of the driver for the operator; each change is published, changed counters are not."""
+
+    state: str
+    activity: str  #: of the carriages while the state is active, such as ``'holding'``
+    cause: str  #: first cause of a stop, ``''`` for none
+    next_step: str  #: of the operator, ``''`` while setpoints are followed
+    power: str  #: confirmed off, unknown or on
+    level: str  #: ok, warn or error
+    message: str  #: state, most severe problem and next step
+
+    def with_next_step(self, text: str, *more: str) -> str:
+        """Return a text, and more texts with their own next steps, with the next step."""
+        step = f'{NEXT}{self.next_step}' if self.next_step else ''
+        return joined(text, *more, step)
+
+
+def outcome_of(
+    snapshot: ControllerSnapshot,
+    activity: str = '',
+    problems: NodeProblems = NO_PROBLEMS,
+) -> Outcome:
+    """
+    Return the outcome of a snapshot.
+
+    The problem in the message is the cause of a stop, a fault of the graph, the reason that
+    forbids power, or the last failed request and an overload. The next step is that of the state.
+    The remedy of a fault, which blocks the state's next step, stands before it, and that of an
+    overload after it.
+    """
+    state, slow = snapshot.state, overload(snapshot)
+    level = 'ok'
+    if problems.last_failure or slow or problems.forbidden or state in WARNINGS:
+        level = 'warn'
+    if problems.fault or state in ERRORS:
+        level = 'error'
+
+    following = f'{NEXT}{snapshot.next_step}' if snapshot.next_step else ''
+    reason = snapshot.cause
+    if not reason and not problems.fault:
+        reason = problems.forbidden
+    if reason:
+        message = f'{state.value}: {reason}{following}'
+    elif problems.fault:
+        message = joined(state.value, problems.fault, following)
+    else:
+        # the next step of a failed request may be done
+        failure = problems.last_failure.partition(NEXT)[0]
+        message = joined(f'{state.value}{following}', failure, slow)
+    return Outcome(
+        state.value,
+        activity,
+        snapshot.cause,
+        snapshot.next_step,
+        snapshot.power,
+        level,
+        message,
+    )
+
+
+def overload(snapshot: ControllerSnapshot) -> str:
+    """Return a warning if the computer is too slow for the cycle, else ``''``."""
+    share = snapshot.cycle.late_share
+    if share <= MAX_LATE_SHARE:
+        return ''
+
+    seen = (
+        f'the control loop was late in {100.0 * share:.1f} % of {LATE_WINDOW} cycles, '
+        f'above the limit {100.0 * MAX_LATE_SHARE:g} %'
+    )
+    if snapshot.realtime_priority:
+        return f'{seen}; next: {Remedy.COMPUTER}'
+    return (
+        f'{seen}, without real-time scheduling; next: {PERMIT_PRIORITY}, or '
+        f'{Remedy.COMPUTER}'
+    )
