@@ -143,6 +143,20 @@ def test_driver_status_publishes_each_state_and_next_step(bench, capfd):
     assert next_step and capfd.readouterr().err.count(f'; next: {next_step}\n') == 1
 
 
+def test_driver_status_is_the_component_operation(bench):
+    bench.bring_up()
+    bench.until_driver('active', '')
+    published = status_values(bench.statuses[-1])
+    assert published.keys() == bench.values().keys()
+    assert bench.statuses[-1].message == bench.message()
+    bench.statuses.clear()
+    cycles = bench.tested._loop.snapshot().cycle.cycles
+    bench.ros.until(
+        lambda: bench.tested._loop.snapshot().cycle.cycles > cycles + 100, 'a second'
+    )
+    assert len(bench.statuses) < 5  # twice a second
+
+
 def test_early_request_is_rejected_with_the_next_step(bench, capfd):
     for _ in range(3):
         reply = bench.call(topics.HOME)

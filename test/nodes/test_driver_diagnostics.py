@@ -6,6 +6,12 @@ import pytest
 
 from facade_manipulator.canopen.link import BusStatistics
 from facade_manipulator.drives.cycle import CycleStatistics
+from facade_manipulator.drives.outcome import (
+    ERRORS,
+    MAX_LATE_SHARE,
+    NodeProblems,
+    outcome_of,
+)
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
     Cause,
@@ -13,39 +19,15 @@ from facade_manipulator.drives.snapshot import (
     ControllerState,
 )
 from facade_manipulator.motion.follower import StreamStatus
-from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
-    ERRORS,
+    operation_status,
     StopCounter,
 )
 from facade_manipulator.nodes.messages import status_level, status_values
 
-try:  # the function that makes the words of driver/status
-    from facade_manipulator.drives import outcome
-except ImportError:
-    outcome = None
-MAX_LATE_SHARE = (outcome or driver_diagnostics).MAX_LATE_SHARE
 SLOW, NO_PRIORITY = 'end other programs on this computer', 'without real-time'
-
-
-def group_outcome(snapshot, *problems):
-    """Return level and message for a snapshot and the problems of the node."""
-    if outcome is None:
-        return driver_diagnostics.group_outcome(snapshot, *problems)
-    found = outcome.outcome_of(snapshot, '', outcome.NodeProblems(*problems))
-    return found.level, found.message
-
-
-def operation_status(snapshot, stream, more):
-    """Return the component operation of a driver that was never active."""
-    if outcome is None:
-        return driver_diagnostics.operation_status(
-            snapshot, stream, ('error', ''), more
-        )
-    found = outcome.outcome_of(snapshot, stream.activity)
-    return driver_diagnostics.operation_status(found, snapshot, stream, math.inf, more)
 
 
 def late(share, priority):
@@ -156,10 +138,20 @@ def test_operation_and_bus_values_have_units_of_their_keys():
     assert status_level(gone) == 'error'
     assert gone.message.startswith('can0 is down; next: ')
     values = status_values(bus_status(snapshot)) | status_values(
-        operation_status(snapshot, stream, {'version': '1'})
+        operation_status(
+            outcome_of(snapshot, stream.activity),
+            snapshot,
+            stream,
+            math.inf,
+            {'version': '1'},
+        )
     )
     expected = {
+        'state': 'stopped',
+        'activity': 'braking',
         'cause': 'late',
+        'next step': 'wait',
+        'active since': 'inf',
         'further causes': 'silent',
         'notes': 'a note; another',
         'not homed': 'q2',
@@ -205,7 +197,8 @@ def test_driver_message_has_the_most_severe_problem(causes, problems, level, mes
     snapshot = ControllerSnapshot(
         ControllerState.INACTIVE, 1.0, (), causes, next_step='activate'
     )
-    assert group_outcome(snapshot, *problems) == (level, message)
+    found = outcome_of(snapshot, problems=NodeProblems(*problems))
+    assert (found.level, found.message) == (level, message)
 
 
 CLEANUP = 'cleanup rejected: the node is active; next: deactivate'
@@ -216,12 +209,12 @@ CLEANUP = 'cleanup rejected: the node is active; next: deactivate'
 @pytest.mark.parametrize('share', [0.0, 0.02])
 def test_warning_leaves_the_next_step_of_each_state(state, failure, share):
     snapshot = ControllerSnapshot(state, 1.0, (), (), 'do this', **late(share, 50))
-    level, message = group_outcome(snapshot, failure, '', '')
-    text, _, steps = message.partition('; next: ')
+    found = outcome_of(snapshot, problems=NodeProblems(failure))
+    text, _, steps = found.message.partition('; next: ')
     assert text.startswith(state.value) and steps.startswith('do this')
     assert failure.partition(';')[0] in text and 'next: ' not in steps
     assert (SLOW in steps) == ('late' in text) == bool(share)
-    assert level != 'ok' or not (failure or share)
+    assert found.level != 'ok' or not (failure or share)
 
 
 @pytest.mark.parametrize(
