@@ -9,11 +9,13 @@ import sys
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # numpy reads it when it is imported
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'helpers'))
 import kinematics  # noqa: E402
+import lateness  # noqa: E402
 import prediction  # noqa: E402
 import ros_nodes  # noqa: E402
 
 SECTIONS = {
-    section.__name__: section for section in (kinematics, prediction, ros_nodes)
+    section.__name__: section
+    for section in (kinematics, prediction, ros_nodes, lateness)
 }
 LINE = (
     '{name:70} {ours:9.4g} beside {competitor:9.4g} {unit:5} ratio {ratio:6.3g} (goal {goal}, '

@@ -2,11 +2,13 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+import ctypes
 import fcntl
 import gc
 import itertools
 import os
 from pathlib import Path
+import resource
 import signal
 import subprocess
 import sys
@@ -20,6 +22,8 @@ SOURCE = Path(__file__).resolve().parents[2]
 PLACES = (SOURCE, SOURCE / 'test' / 'helpers', SOURCE / 'test' / 'processes')
 DOMAINS = range(1, 100)
 STOP_DEADLINE = 10.0
+_DROP_CAPABILITY = 24  # PR_CAPBSET_DROP of prctl
+_SYS_NICE = 23  # CAP_SYS_NICE
 _next_domain = itertools.count(os.getpid())
 _left: list[IO[str]] = []  # locks of left domains that uncollected nodes may still use
 
@@ -61,7 +65,12 @@ class Processes:
         self._started: list[subprocess.Popen] = []
 
     def start(self, module: str, *args: str, **popen) -> subprocess.Popen:
-        """Start ``python -m MODULE ARGS…``; its `log` is the path of its output."""
+        """
+        Start ``python -m MODULE ARGS…``; its `log` is the path of its output.
+
+        It gets no real-time priority, so that a test does not depend on the account and does not
+        delay the tests beside it.
+        """
         environment = {**os.environ, 'PYTHONUNBUFFERED': '1', **popen.pop('env', {})}
         environment['PYTHONPATH'] = os.pathsep.join(
             filter(None, (*map(str, PLACES), environment.get('PYTHONPATH')))
@@ -73,7 +82,12 @@ class Processes:
                 env=environment,
                 cwd=self._folder,
                 start_new_session=True,
-                **{'stdout': output, 'stderr': output} | popen,
+                **{
+                    'stdout': output,
+                    'stderr': output,
+                    'preexec_fn': forbid_priority,
+                }
+                | popen,
             )
         process.log = log
         self._started.append(process)
@@ -90,6 +104,18 @@ class Processes:
             ),
             sep='\n',
         )
+
+
+def forbid_priority() -> None:
+    """
+    Forbid real-time priority to this process and to all that it starts.
+
+    It is the `preexec_fn` of processes: root keeps its permission until it executes a program.
+    """
+    ctypes.CDLL(None).prctl(
+        _DROP_CAPABILITY, _SYS_NICE, 0, 0, 0
+    )  # without effect if not root
+    resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
 
 
 def end_process(process: subprocess.Popen) -> int:
