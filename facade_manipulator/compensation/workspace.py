@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose, subtract, ZERO_POSE
+from facade_manipulator.kinematics.links import links, x_interval
 
 MARGIN = 0.004  # m, distance kept from reach, stroke and carriage gap
 REFINEMENTS = 3  # iterations of y for a limited x, whose limit depends slightly on y
@@ -35,17 +36,12 @@ class WorkspaceLimit:
         self._margin = margin
         self._half = geometry.platform_half_length
         self._mechanism = Mechanism(geometry)
-        self._clamped = (
-            self._clamped_platform if geometry.is_nominal else self._clamped_head
-        )
         errors = 3.0 * _greatest(geometry.link_errors, geometry.platform_errors)
         self._reach = geometry.link_length - margin - errors
         self._gap = geometry.carriage_gap + margin + errors
         least, greatest = geometry.stroke
         margin += _greatest(geometry.carriage_offsets)
         self._stroke = least + margin, greatest - margin
-        self._halves = geometry.half_lengths
-        self._link_squares = tuple(length * length for length in geometry.link_lengths)
         self._order = (
             self._half - self._gap
         ) ** 2 - geometry.link_length**2  # (b − gap)² − l²
@@ -71,8 +67,8 @@ class WorkspaceLimit:
                 )
         return inside
 
-    def _clamped_head(self, pose: Pose) -> Saturated:
-        """Return the head's pose [m, m, rad] with its platform inside, on a turned rail."""
+    def _clamped(self, pose: Pose) -> Saturated:
+        """Return the head's pose [m, m, rad] with its platform inside."""
         platform = self._clamped_platform(self._mechanism.platform(pose))
         if platform.saturation_error == ZERO_POSE:
             return Saturated(pose, ZERO_POSE)
@@ -101,14 +97,13 @@ class WorkspaceLimit:
 
     def _x_interval(self, y: float, theta: float) -> tuple[float, float]:
         """Return the x-interval [m] at (y, θ), by the stroke of the outer carriages."""
-        sine, cosine = math.sin(theta), math.cos(theta)
-        (half1, half2), (square1, square2) = self._halves, self._link_squares
-        u1, u2 = y - half1 * sine, y + half2 * sine
-        first = math.sqrt(max(square1 - u1 * u1, 0.0))
-        second = math.sqrt(max(square2 - u2 * u2, 0.0))
-        return self._stroke[0] + half1 * cosine - first, self._stroke[
-            1
-        ] - half2 * cosine + second
+        sides = self._mechanism.sides
+        _, cosine, _, _, s1, s2 = links(sides, y, theta, root=_root_or_zero)
+        return x_interval(sides, self._stroke, cosine, s1, s2)
+
+
+def _root_or_zero(square: float) -> float:
+    return math.sqrt(max(square, 0.0))
 
 
 def _greatest(*errors: tuple[float, ...]) -> float:

@@ -9,13 +9,12 @@ has no masses, and no limits of speed and effort, which are parameters of the dr
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import atan2, cos, sin
+from math import atan2
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
-from facade_manipulator.kinematics.inverse import inverse_kinematics
 from facade_manipulator.kinematics.mechanism import Mechanism
 from facade_manipulator.kinematics.planar import compose, ZERO_POSE
 
@@ -65,16 +64,23 @@ def joints(geometry: Geometry, pose: Pose) -> JointPoints:
         As `inverse_kinematics`.
 
     """
-    q1, q2, q3 = inverse_kinematics(geometry, pose)
-    along = geometry.platform_half_length * cos(pose.theta)
-    out = geometry.platform_half_length * sin(pose.theta)
+    return _joints(geometry.drawn, pose)
+
+
+def _joints(mechanism: Mechanism, head: Pose) -> JointPoints:
+    """Return the joints at a pose of the head [m, m, rad]; B1, B2 = P ∓ b (c, s)."""
+    platform = mechanism.platform(head)
+    q1, q2, q3 = mechanism.on_rail(mechanism.inverse_kinematics(head))
+    _, _, half1, half2 = mechanism.sides
+    b1 = compose(platform, Pose(-half1, 0.0, 0.0))
+    b2 = compose(platform, Pose(half2, 0.0, 0.0))
     return JointPoints(
         (q1, 0.0),
         (q2, 0.0),
         (q3, 0.0),
-        (pose.x - along, pose.y - out),
-        (pose.x + along, pose.y + out),
-        (pose.x, pose.y),
+        (b1.x, b1.y),
+        (b2.x, b2.y),
+        (platform.x, platform.y),
     )
 
 
@@ -106,13 +112,10 @@ def positions(mechanism: Mechanism, head: Pose) -> tuple[float, ...]:
 
     """
     platform = mechanism.platform(head)
-    carriages = mechanism.on_rail(mechanism.inverse_kinematics(head))
-    ends = (
-        compose(platform, Pose(side * half, 0.0, 0.0))
-        for side, half in zip((-1.0, 1.0), mechanism.geometry.half_lengths, strict=True)
-    )
-    swings = (atan2(end.y, end.x - q) for end, q in zip(ends, carriages, strict=False))
-    return (*carriages, platform.y, platform.theta, *swings)
+    a1, a2, a3, b1, b2, _ = _joints(mechanism, head)
+    swing1 = atan2(b1[1], b1[0] - a1[0])
+    swing2 = atan2(b2[1], b2[0] - a2[0])
+    return (a1[0], a2[0], a3[0], platform.y, platform.theta, swing1, swing2)
 
 
 def urdf(geometry: Geometry, prefix: str = '') -> str:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, settings
+
+if TYPE_CHECKING:
+    from facade_manipulator.kinematics.mechanism import Mechanism
 
 
 class Pose(NamedTuple):
@@ -31,6 +35,15 @@ class Carriages(NamedTuple):
     q1: float
     q2: float
     q3: float
+
+
+class Sides(NamedTuple):
+    """Lengths of the links, and from P to the joints B1 and B2 of the platform [m]."""
+
+    link1: float
+    link2: float
+    half1: float
+    half2: float
 
 
 class Wrench(NamedTuple):
@@ -169,20 +182,22 @@ class Geometry:
         )
 
     @property
-    def is_nominal(self) -> bool:
-        """Return whether the machine is assumed to match its drawing."""
-        return not (
-            self.rail_angle
-            or any(
-                map(
-                    any,
-                    (
-                        self.link_errors,
-                        self.platform_errors,
-                        self.carriage_offsets,
-                        self.tool,
-                    ),
-                )
+    def sides(self) -> Sides:
+        """Return the manufactured lengths of both sides [m]."""
+        return Sides(*self.link_lengths, *self.half_lengths)
+
+    @cached_property
+    def drawn(self) -> Mechanism:
+        """Return the mechanism of the drawing, without errors; the geometry keeps it."""
+        from facade_manipulator.kinematics.mechanism import Mechanism
+
+        return Mechanism(
+            Geometry(
+                self.link_length,
+                self.platform_half_length,
+                self.stroke,
+                self.carriage_gap,
+                self.carriage_length,
             )
         )
 

@@ -15,10 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from facade_manipulator.kinematics.geometry import Geometry
-from facade_manipulator.kinematics.inverse import branch_number, squared_index
-from facade_manipulator.kinematics.jacobian import check_characteristic_length
+from facade_manipulator.kinematics.links import (
+    branch_number,
+    links,
+    squared_index,
+    x_interval,
+)
+from facade_manipulator.kinematics.nominal import check_characteristic_length
 
-#: `kinematics.inverse.Links` for arrays of poses
+#: `kinematics.links.Links` for arrays of poses
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -43,17 +48,13 @@ class PoseMap(NamedTuple):
 
 
 def link_arrays(geometry: Geometry, y: ArrayLike, theta: ArrayLike) -> Arrays:
-    """Return the terms of `kinematics.inverse.links` as arrays, NaN beyond reach [m]."""
+    """Return the terms of `kinematics.links` as arrays, NaN beyond reach [m]."""
     y, theta = np.atleast_1d(y, theta)  # arrays that may be written to
-    square = geometry.link_length * geometry.link_length
-    sine = np.sin(theta)
-    rise = geometry.platform_half_length * sine
-    u1, u2 = y - rise, y + rise
-    root1, root2 = square - u1 * u1, square - u2 * u2
-    outside = np.minimum(root1, root2) <= 0.0
-    root1[outside] = np.nan
-    root2[outside] = np.nan
-    return sine, np.cos(theta), u1, u2, np.sqrt(root1), np.sqrt(root2)
+    return links(geometry.drawn.sides, y, theta, np.sin, np.cos, _root_or_nan)
+
+
+def _root_or_nan(square: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.where(square > 0.0, square, np.nan))
 
 
 def x_intervals(
@@ -102,19 +103,25 @@ def pose_map(
 
 def intervals_of(geometry: Geometry, at: Arrays) -> tuple[np.ndarray, np.ndarray]:
     """Return the ends of the reachable x [m] from the links of every pose, as in `x_intervals`."""
-    _, cosine, _, _, projection1, projection2 = at
-    span = geometry.platform_half_length * cosine
-    least, greatest = geometry.stroke
-    lower = least + span - projection1
-    upper = greatest - span + projection2
-    distance = span - np.maximum(projection1, projection2)
-    with np.errstate(invalid='ignore'):
-        outside = (
-            (distance < geometry.carriage_gap) | (distance <= 0.0) | (lower > upper)
-        )
-    lower[outside] = np.nan
-    upper[outside] = np.nan
+    _, cosine, _, _, s1, s2 = at
+    lower, upper = x_interval(geometry.drawn.sides, geometry.stroke, cosine, s1, s2)
+    distance = geometry.platform_half_length * cosine - np.maximum(s1, s2)
+    is_reached = (distance >= geometry.carriage_gap) & (distance > 0.0)
+    is_empty = ~(is_reached & (lower <= upper))  # also where a number is NaN
+    lower[is_empty] = np.nan
+    upper[is_empty] = np.nan
     return lower, upper
+
+
+def number_at(geometry: Geometry, y: ArrayLike, theta: ArrayLike) -> np.ndarray:
+    """Return N [m²] at every y and θ ≥ 0, the far edge included."""
+    sides = geometry.drawn.sides
+    y, theta = np.asarray(y), np.asarray(theta)
+    return branch_number(links(sides, y, theta, np.sin, np.cos, _root_or_zero))
+
+
+def _root_or_zero(square: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.maximum(0.0, square))
 
 
 def index_of(

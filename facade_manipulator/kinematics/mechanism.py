@@ -3,16 +3,34 @@ Kinematics of the mechanism with its calibration errors, which default to zero.
 
 Poses are those of the head in frame `rail`; carriages are positions of the drives. The real rail
 may be rotated in frame `rail`, and each carriage may have an offset to its drive. Both links and
-both halves of the platform may differ, and the head has a pose on the platform.
+both halves of the platform may differ, and the head has a pose on the platform. With the angle α
+of the rail, the pose T of the head on the platform and the offsets o::
+
+    platform = Rot(−α) head T⁻¹,    drive position = position on the rail − o.
+
+The formulas between the platform and the carriages on the rail are in `links` and `closure`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import cos, isfinite, sin, sqrt
+import struct
 from typing import TYPE_CHECKING
 
-from facade_manipulator.errors import SingularityError, UnreachableError
-from facade_manipulator.kinematics import forward, inverse
+from facade_manipulator.errors import (
+    CarriageGapError,
+    ManipulatorError,
+    SingularityError,
+    StrokeLimitError,
+    UnreachableError,
+)
+from facade_manipulator.kinematics.closure import (
+    assemble,
+    FARTHEST,
+    require_branch,
+    require_regular,
+)
 from facade_manipulator.kinematics.geometry import (
     Carriages,
     Geometry,
@@ -21,18 +39,44 @@ from facade_manipulator.kinematics.geometry import (
     Twist,
     Wrench,
 )
-from facade_manipulator.kinematics.jacobian import jacobian
+from facade_manipulator.kinematics.links import (
+    branch_number,
+    Links,
+    links,
+    squared_index,
+)
 from facade_manipulator.kinematics.planar import compose, invert, relative
 
 if TYPE_CHECKING:
     import numpy as np
 
-CLOSED = 1e-9  # m², tolerance of a link's squared length
+# b over the unit of length of the index. That unit is 1 m for the design and grows with the
+# mechanism, so that the same poses are well conditioned at every size.
+CONDITIONING_RATIO = 0.348
+# With that unit, the order of the carriages keeps the index of the design above 0.07 near the
+# rail. Towards the far edge the index falls to 0 as the links become upright. At θ = 0 it falls
+# below 0.05 within 0.1 mm of the edge, where carriages already move 40 times faster than the head.
+MIN_CONDITIONING = 0.05
+
+_new_tuple = tuple.__new__  # creates a named tuple in half the time of its constructor
+# writes into any buffer, also an array
+_pack_matrix: Callable[..., None] = struct.Struct('9d').pack_into
+_Row = tuple[float, float, float]  # of the Jacobian
+
+
+def _empty(shape: tuple[int, int]) -> np.ndarray:
+    """Return an array; the first call replaces this function by that of numpy."""
+    global _empty
+    from numpy import empty as _empty
+
+    return _empty(shape)
 
 
 class Mechanism:
     """
-    Kinematics of a machine; without errors the results equal those of the drawing bit for bit.
+    Kinematics of a machine, which never changes; `Geometry.drawn` is that without errors.
+
+    The nodes use it for each setpoint and each measured position, the driver for each target.
 
     Parameters
     ----------
@@ -42,31 +86,47 @@ class Mechanism:
 
     def __init__(self, geometry: Geometry) -> None:
         self.geometry = geometry
-        self._is_nominal = geometry.is_nominal
-        self._link1, self._link2 = geometry.link_lengths
-        self._half1, self._half2 = geometry.half_lengths
-        self._is_alike = self._link1 == self._link2 and self._half1 == self._half2
-        self._frame, self._tool = (
-            Pose(0.0, 0.0, geometry.rail_angle),
-            Pose(*geometry.tool),
-        )
+        self.sides = geometry.sides
+        self._rail = Pose(0.0, 0.0, geometry.rail_angle)
+        self._tool = Pose(*geometry.tool)
         self._platform_on_tool = invert(self._tool)
+        self._offsets = geometry.carriage_offsets
+        # whether head and drives need no conversion, which would take half of the time
+        self._is_aligned = not any((*self._rail, *self._tool, *self._offsets))
 
     def platform(self, head: Pose) -> Pose:
         """Return the pose of the platform on the real rail [m, m, rad]."""
-        if self._is_nominal:
+        if self._is_aligned:
             return head
-        return compose(relative(self._frame, head), self._platform_on_tool)
+        return compose(relative(self._rail, head), self._platform_on_tool)
 
     def head(self, platform: Pose) -> Pose:
         """Return the pose of the head in frame `rail` [m, m, rad]."""
-        return compose(compose(self._frame, platform), self._tool)
+        if self._is_aligned:
+            return platform
+        return compose(compose(self._rail, platform), self._tool)
 
     def on_rail(self, carriages: tuple[float, float, float]) -> Carriages:
         """Return the positions of the carriages on the real rail [m]."""
         q1, q2, q3 = carriages
-        offset1, offset2, offset3 = self.geometry.carriage_offsets
-        return Carriages(q1 + offset1, q2 + offset2, q3 + offset3)
+        offset1, offset2, offset3 = self._offsets
+        return _new_tuple(Carriages, (q1 + offset1, q2 + offset2, q3 + offset3))
+
+    def links(self, pose: Pose) -> Links:
+        """
+        Return the terms `kinematics.links` at a pose of the head, with the lengths of each side.
+
+        Raises the errors of `inverse_kinematics`.
+        """
+        try:
+            x, y, theta = pose if self._is_aligned else self.platform(pose)
+            at = links(self.sides, y, theta)
+        except ValueError:
+            raise self._out_of_reach(pose) from None
+        _, _, _, _, s1, s2 = at
+        if not (s1 * s2 > 0.0 and isfinite(x)):
+            raise self._out_of_reach(pose)
+        return at
 
     def inverse_kinematics(self, pose: Pose) -> Carriages:
         """
@@ -74,10 +134,18 @@ class Mechanism:
 
         Raises a ParameterError or an UnreachableError, as `inverse_kinematics` of a geometry.
         """
-        if self._is_nominal:
-            return inverse.inverse_kinematics(self.geometry, pose)
-        platform = self._finite_platform(pose)
-        return self._counted(self._actual(platform, self._links(platform)))
+        try:
+            x, y, theta = pose if self._is_aligned else self.platform(pose)
+            _, cosine, _, _, s1, s2 = links(self.sides, y, theta)
+        except ValueError:
+            raise self._out_of_reach(pose) from None
+        if not (s1 * s2 > 0.0 and isfinite(x)):
+            raise self._out_of_reach(pose)
+
+        _, _, half1, half2 = self.sides
+        actual = (x - half1 * cosine + s1, x + half2 * cosine - s2, x)
+        carriages: Carriages = _new_tuple(Carriages, actual)
+        return carriages if self._is_aligned else self._of_drives(carriages)
 
     def forward_kinematics(self, carriages: Carriages) -> Pose:
         """
@@ -86,39 +154,59 @@ class Mechanism:
         Raises a ParameterError, UnreachableError or SingularityError, as `forward_kinematics` of a
         geometry.
         """
-        if self._is_nominal:
-            return forward.forward_kinematics(self.geometry, carriages)
-        if not all(map(isfinite, carriages)):
-            raise not_finite(Carriages(*carriages))
-        return self.head(self._assembled(self.on_rail(carriages)))
+        q1, q2, q3 = carriages
+        offset1, offset2, offset3 = self._offsets
+        x = q3 + offset3
+        left = q1 + offset1 - x
+        right = q2 + offset2 - x
+        if not -FARTHEST < left < right < FARTHEST:  # NaN fails every comparison
+            raise _not_in_order(self.on_rail(carriages))
+        y, theta = assemble(self.sides, left, right)
+        platform = _new_tuple(Pose, (x, y, theta))
+        return platform if self._is_aligned else self.head(platform)
 
     def jacobian(self, pose: Pose) -> np.ndarray:
         """Return the Jacobian from rates of the head to carriage rates [1, 1, m/rad]."""
-        if self._is_nominal:
-            return jacobian(self.geometry, pose)
-        import numpy as np
-
-        return np.array(
-            [self.carriage_velocity(pose, Twist(*unit)) for unit in np.eye(3)]
-        ).T
+        matrix = _empty((3, 3))
+        # a third of the time of np.array() on nested tuples
+        row1, row2, row3 = self._rows(pose)
+        _pack_matrix(matrix, 0, *row1, *row2, *row3)
+        return matrix
 
     def carriage_velocity(self, pose: Pose, velocity: Twist) -> Carriages:
         """Return the carriage velocities J·v for a velocity v of the head [m/s]."""
-        platform = self._finite_platform(pose)
-        y1, t1, y2, t2 = inverse.jacobian_entries(
-            self._links(platform), self._half1, self._half2
-        )
+        (x1, y1, t1), (x2, y2, t2), (x3, y3, t3) = self._rows(pose)
         vx, vy, omega = velocity
-        if not self._is_nominal:
-            cosine, sine = cos(self._frame.theta), sin(self._frame.theta)
-            arm = compose(
-                Pose(0.0, 0.0, platform.theta), self._tool
-            )  # vector from P to the head
-            vx, vy = (
-                cosine * vx + sine * vy + arm.y * omega,
-                cosine * vy - sine * vx - arm.x * omega,
-            )
-        return Carriages(vx + y1 * vy + t1 * omega, vx + y2 * vy + t2 * omega, vx)
+        return Carriages(
+            x1 * vx + y1 * vy + t1 * omega,
+            x2 * vx + y2 * vy + t2 * omega,
+            x3 * vx + y3 * vy + t3 * omega,
+        )
+
+    def _rows(self, pose: Pose) -> tuple[_Row, _Row, _Row]:
+        """
+        Return the rows of the Jacobian: those of `links`, times the rates of P from the head's.
+
+        With the angle α of the rail and the vector (tx, ty) from P to the head, along the rail::
+
+            x' = cos α hx' + sin α hy' + ty θ',    y' = cos α hy' − sin α hx' − tx θ'.
+        """
+        sine, cosine, u1, u2, s1, s2 = self.links(pose)
+        _, _, half1, half2 = self.sides
+        y1 = -u1 / s1
+        y2 = u2 / s2
+        t1 = half1 * (sine - y1 * cosine)
+        t2 = half2 * (y2 * cosine - sine)
+        if self._is_aligned:
+            return (1.0, y1, t1), (1.0, y2, t2), (1.0, 0.0, 0.0)
+
+        c = cos(self._rail.theta)
+        s = sin(self._rail.theta)
+        tx = cosine * self._tool.x - sine * self._tool.y
+        ty = sine * self._tool.x + cosine * self._tool.y
+        row1 = (c - y1 * s, s + y1 * c, ty - y1 * tx + t1)
+        row2 = (c - y2 * s, s + y2 * c, ty - y2 * tx + t2)
+        return row1, row2, (c, s, ty)
 
     def end_effector_force(self, pose: Pose, carriage_forces: Carriages) -> Wrench:
         """
@@ -143,7 +231,7 @@ class Mechanism:
             raise SingularityError('|N|', 0.0, 0.0, 'm2', 'not above') from None
 
     def certify(
-        self, pose: Pose, min_conditioning: float = inverse.MIN_CONDITIONING
+        self, pose: Pose, min_conditioning: float = MIN_CONDITIONING
     ) -> Carriages:
         """
         Return the carriages of a pose [m] that respects all limits of the machine.
@@ -171,20 +259,33 @@ class Mechanism:
             conditioned worse than `min_conditioning` (eqs 24-25).
 
         """
-        platform = self._finite_platform(pose)
-        at = self._links(platform)
-        if platform.y <= 0.0:
-            raise inverse.behind_rail(platform.y)
-        actual = self._actual(platform, at)
-        counted = self._counted(actual)
-        self._check_rail(actual, counted)
-        unit = self.geometry.platform_half_length / inverse.CONDITIONING_RATIO
-        inverse.check_branch(
-            self._branch_number(at),
-            inverse.squared_index(at, self._half1 / unit, self._half2 / unit),
-            min_conditioning,
-        )
-        return counted
+        at = self.links(pose)
+        y = self.platform(pose).y
+        if y <= 0.0:
+            raise SingularityError(
+                'y',
+                y,
+                0.0,
+                'm',
+                'behind the rail, on the mirrored assembly branch: not above',
+            )
+
+        carriages = self.inverse_kinematics(pose)
+        self._require_rail(carriages)
+        _, _, half1, half2 = self.sides
+        require_regular(branch_number(at, half1, half2))
+        unit = self.geometry.platform_half_length / CONDITIONING_RATIO
+        index = sqrt(squared_index(at, half1 / unit, half2 / unit))
+        if index < min_conditioning:
+            raise SingularityError(
+                'conditioning index',
+                index,
+                min_conditioning,
+                '',
+                'below',
+                'min_conditioning',
+            )
+        return carriages
 
     def check(self, *path: Carriages) -> None:
         """
@@ -195,101 +296,76 @@ class Mechanism:
         for carriages in path:
             if not all(map(isfinite, carriages)):
                 raise not_finite(Carriages(*carriages))
-            actual = q1, q2, q3 = self.on_rail(carriages)
-            self._check_rail(actual, carriages)
-            if not self._is_alike:
-                self._assembled(actual)
-                continue
-            left, right = q1 - q3, q2 - q3  # takes half the time of computing the pose
-            y, sine, cosine = forward.close(self._link1, self._half1, left, right)
-            rise, span = self._half1 * sine, self._half1 * cosine
-            inverse.check_branch(
-                inverse.branch_number(
-                    (sine, cosine, y - rise, y + rise, left + span, span - right)
-                )
+            self._require_rail(carriages)
+            q1, q2, q3 = self.on_rail(carriages)
+            y, theta = assemble(self.sides, q1 - q3, q2 - q3)
+            require_branch(self.sides, q1 - q3, q2 - q3, y, theta)
+
+    def _out_of_reach(self, head: Pose) -> ManipulatorError:
+        """Return the error for a head that is not finite, or for the link that is too short."""
+        if not all(map(isfinite, head)):
+            return not_finite(Pose(*head))
+        _, y, theta = self.platform(head)
+        link1, link2, half1, half2 = self.sides
+        distance1 = abs(y - half1 * sin(theta))
+        distance2 = abs(y + half2 * sin(theta))
+        distance, length = max(
+            (distance1, link1),
+            (distance2, link2),
+            key=lambda side: side[0] - side[1],
+        )
+        return UnreachableError(
+            '|y| + b |sin theta|',
+            distance,
+            length,
+            'm',
+            'not below',
+            'geometry.link_length',
+        )
+
+    def _require_rail(self, carriages: Carriages) -> None:
+        """
+        Require the stroke, then the order A1, A3, A2 with the gap between neighbours (eq. 18).
+
+        The stroke is that of the drives, the gap that on the real rail [m]. Checking the stroke of
+        A1 and A2 is sufficient, because A3 is between them. Raises a StrokeLimitError or a
+        CarriageGapError.
+        """
+        minimum, maximum = self.geometry.stroke
+        q1, q2, q3 = carriages
+        if q1 < minimum:
+            raise StrokeLimitError('q1', q1, minimum, 'm', 'below', 'geometry.stroke')
+        if q2 > maximum:
+            raise StrokeLimitError('q2', q2, maximum, 'm', 'above', 'geometry.stroke')
+
+        offset1, offset2, offset3 = self._offsets
+        x = q3 + offset3
+        self._require_gap('q3 - q1', x - (q1 + offset1))
+        self._require_gap('q2 - q3', q2 + offset2 - x)
+
+    def _require_gap(self, name: str, distance: float) -> None:
+        gap = self.geometry.carriage_gap
+        if distance < gap or distance <= 0.0:
+            problem = 'below' if gap else 'not above'
+            raise CarriageGapError(
+                name, distance, gap, 'm', problem, 'geometry.carriage_gap'
             )
 
-    def _finite_platform(self, head: Pose) -> Pose:
-        x, y, theta = head
-        if not isfinite(x + y + theta):
-            raise not_finite(Pose(x, y, theta))
-        return self.platform(Pose(x, y, theta))
-
-    def _links(self, platform: Pose) -> inverse.Links:
-        """Return the terms `links` of a pose of the platform, with the lengths of each side."""
-        if self._is_nominal:
-            return inverse.links(self.geometry, platform)
-        _, y, theta = platform
-        sine, cosine = sin(theta), cos(theta)
-        u1, u2 = y - self._half1 * sine, y + self._half2 * sine
-        for name, reach, length in (
-            ('|y - b1 sin theta|', u1, self._link1),
-            ('|y + b2 sin theta|', u2, self._link2),
-        ):
-            if abs(reach) >= length:
-                raise UnreachableError(
-                    name, abs(reach), length, 'm', 'not below', 'geometry.link_length'
-                )
-        return (
-            sine,
-            cosine,
-            u1,
-            u2,
-            sqrt(self._link1 * self._link1 - u1 * u1),
-            sqrt(self._link2 * self._link2 - u2 * u2),
-        )
-
-    def _actual(self, platform: Pose, at: inverse.Links) -> Carriages:
-        """Return the positions of the carriages on the real rail [m] from the links of a pose."""
-        return Carriages(
-            platform.x - self._half1 * at[1] + at[4],
-            platform.x + self._half2 * at[1] - at[5],
-            platform.x,
-        )
-
-    def _counted(self, actual: Carriages) -> Carriages:
+    def _of_drives(self, actual: Carriages) -> Carriages:
         """Return the drive positions of carriages on the real rail [m]."""
-        offset1, offset2, offset3 = self.geometry.carriage_offsets
-        return Carriages(actual.q1 - offset1, actual.q2 - offset2, actual.q3 - offset3)
-
-    def _check_rail(self, actual: Carriages, counted: Carriages) -> None:
-        """Require the gap on the real rail and the stroke of the drives [m]."""
-        inverse.check_rail(
-            self.geometry,
-            actual[2] - actual[0],
-            actual[1] - actual[2],
-            counted[0],
-            counted[1],
-        )
-
-    def _branch_number(self, at: inverse.Links) -> float:
-        """Return N [m²] of `parallel_singularity` for halves that may differ."""
-        sine, cosine, u1, u2, s1, s2 = at
-        number = u1 * self._half2 * (u2 * cosine - s2 * sine) + u2 * self._half1 * (
-            u1 * cosine + s1 * sine
-        )
-        return 2.0 * number / (self._half1 + self._half2)
-
-    def _assembled(self, actual: Carriages) -> Pose:
-        """Return the platform's pose on the machine's branch [m, m, rad]."""
         q1, q2, q3 = actual
-        left, right = q1 - q3, q2 - q3
-        if not -forward.FARTHEST < left < right < forward.FARTHEST:
-            raise forward.not_in_order(actual)
-        y, theta = forward.assemble(
-            (self._link1, self._link2, self._half1, self._half2), left, right
+        offset1, offset2, offset3 = self._offsets
+        return Carriages(q1 - offset1, q2 - offset2, q3 - offset3)
+
+
+def _not_in_order(carriages: Carriages) -> ManipulatorError:
+    """Return the error that describes carriages in the wrong order or beyond all reach."""
+    q1, q2, q3 = carriages
+    if not all(map(isfinite, carriages)):
+        return not_finite(carriages)
+    apart = max(abs(q1 - q3), abs(q2 - q3))
+    if apart > FARTHEST:
+        return UnreachableError(
+            'distance of a carriage from q3', apart, FARTHEST, 'm', 'above'
         )
-        sine, cosine = sin(theta), cos(theta)
-        u1, u2 = y - self._half1 * sine, y + self._half2 * sine
-        s1, s2 = left + self._half1 * cosine, self._half2 * cosine - right
-        is_closed = (
-            max(
-                abs(s1 * s1 + u1 * u1 - self._link1 * self._link1),
-                abs(s2 * s2 + u2 * u2 - self._link2 * self._link2),
-            )
-            < CLOSED
-        )
-        if not (is_closed and min(y, s1, s2) > 0.0):
-            raise UnreachableError('assembly modes on the branch', 0, 1, '', 'below')
-        inverse.check_branch(self._branch_number((sine, cosine, u1, u2, s1, s2)))
-        return Pose(q3, y, theta)
+    return UnreachableError('q2 - q1', q2 - q1, 0.0, 'm', 'not above')

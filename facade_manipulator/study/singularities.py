@@ -14,7 +14,8 @@ from math import radians, sin
 import numpy as np
 
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.study.workspace import bisect, number_at
+from facade_manipulator.kinematics.maps import number_at
+from facade_manipulator.study.workspace import bisect
 
 SAMPLES = 100  # of y, to find a regular pose between both curves
 

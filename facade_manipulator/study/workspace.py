@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from facade_manipulator.kinematics import branch_number, Geometry, maps
+from facade_manipulator.kinematics import Geometry, maps
+from facade_manipulator.kinematics.maps import number_at
 
 CELLS = 256  # of y and of θ: the ratio is exact to 1e-4, the volume to 3e-5
 UNION_Y, UNION_THETA = 400, 257
@@ -108,16 +109,6 @@ def theta_peak(geometry: Geometry) -> tuple[float, float]:
         peak = float(y[best]), float(theta[best])
         y = np.linspace(y[max(best - 1, 0)], y[min(best + 1, len(y) - 1)], SEARCH)
     return peak
-
-
-def number_at(geometry: Geometry, y: Any, theta: Any) -> Any:
-    """Return N [m²] for θ ≥ 0, the far edge included, for floats or arrays."""
-    length, rise = geometry.link_length, geometry.platform_half_length * np.sin(theta)
-    roots = [
-        np.sqrt(np.maximum(0.0, length * length - height * height))
-        for height in (y - rise, y + rise)
-    ]
-    return branch_number((np.sin(theta), np.cos(theta), y - rise, y + rise, *roots))
 
 
 def section_bounds(geometry: Geometry, good: Good | None = None) -> tuple[float, float]:

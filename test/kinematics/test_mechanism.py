@@ -136,7 +136,7 @@ def test_each_calibration_error_moves_the_head():
 
 
 def test_limits_apply_to_the_calibrated_machine():
-    with pytest.raises(UnreachableError, match='b1 sin theta'):
+    with pytest.raises(UnreachableError, match=r'\|y\| \+ b \|sin theta\|'):
         made(link_errors=(-0.01, -0.01)).certify(Pose(0.0, 0.345, 0.0))
     made().certify(Pose(0.0, 0.345, 0.0))
     with pytest.raises(StrokeLimitError):

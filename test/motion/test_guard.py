@@ -82,9 +82,10 @@ def test_path_is_rejected_at_its_first_impossible_position(path):
         *VARIANTS,
     ],
 )
-def test_path_guard_decides_as_the_mechanism_guard(geometry):
-    fast = path_guard(geometry)
-    exact = mechanism_guard(geometry)
+@pytest.mark.parametrize('tolerances', [(1e-6, 0.0), (0.005, 0.002)])
+def test_path_guard_decides_as_the_mechanism_guard(geometry, tolerances):
+    fast = path_guard(geometry, *tolerances)
+    exact = mechanism_guard(geometry, *tolerances)
     distances = np.random.default_rng(0).uniform(-0.02, 0.65, (20_000, 2))
     for number, (left, right) in enumerate(distances.tolist()):
         q3 = 0.4 * math.sin(number)
