@@ -117,13 +117,10 @@ def _cubic(
     slack = 1.0 - 0.5 * distance / half
     product = half * distance
     constant = (length - half) * (length + half) - 0.25 * distance * distance  # K0
-    return (
-        e * slack * slack,
-        2.0 * (product + constant) - e * distance / half,
-        3.0 * product + constant,
-        product,
-        constant + product - e,
-    )
+    f0 = e * slack * slack
+    f1 = 2.0 * (product + constant) - e * distance / half
+    f2 = 3.0 * product + constant
+    return f0, f1, f2, product, constant + product - e
 
 
 def _close(

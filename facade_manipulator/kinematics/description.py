@@ -14,16 +14,22 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
+from facade_manipulator.kinematics.geometry import CARRIAGES, Geometry, Pose
 from facade_manipulator.kinematics.mechanism import Mechanism
 from facade_manipulator.kinematics.planar import compose, ZERO_POSE
 
 # Sizes of the boxes in the picture [m]. A carriage is as long as the gap, so that two carriages
 # touch at their minimum distance.
-RAIL_DEPTH, RAIL_HEIGHT = 0.03, 0.02
-CARRIAGE_DEPTH, CARRIAGE_HEIGHT, THINNEST_CARRIAGE = 0.05, 0.03, 0.004
-LINK_WIDTH, PLATFORM_WIDTH, GUIDE_WIDTH = 0.012, 0.018, 0.006
-HEAD_LENGTH, HEAD_WIDTH = 0.06, 0.012
+RAIL_DEPTH = 0.03
+RAIL_HEIGHT = 0.02
+CARRIAGE_DEPTH = 0.05
+CARRIAGE_HEIGHT = 0.03
+THINNEST_CARRIAGE = 0.004
+LINK_WIDTH = 0.012
+PLATFORM_WIDTH = 0.018
+GUIDE_WIDTH = 0.006
+HEAD_LENGTH = 0.06
+HEAD_WIDTH = 0.012
 COLOURS = {'dark': '0.35 0.35 0.35 1', 'grey': '0.6 0.6 0.6 1', 'blue': '0 0.45 0.7 1'}
 AXES = {'x': '1 0 0', 'y': '0 1 0', 'z': '0 0 1'}
 
@@ -54,6 +60,15 @@ class TreeJoint(NamedTuple):
     origin: Pose = ZERO_POSE
 
 
+class Box(NamedTuple):
+    """Visible part of a link of the URDF."""
+
+    link: str
+    size: tuple[float, float, float]  #: [m]
+    middle: Pose  #: in the frame of the link
+    colour: str
+
+
 def joints(geometry: Geometry, pose: Pose) -> JointPoints:
     """
     Return the joints of the drawing's mechanism at a pose [m, m, rad].
@@ -75,18 +90,19 @@ def _joints(mechanism: Mechanism, head: Pose) -> JointPoints:
     b1 = compose(platform, Pose(-half1, 0.0, 0.0))
     b2 = compose(platform, Pose(half2, 0.0, 0.0))
     return JointPoints(
-        (q1, 0.0),
-        (q2, 0.0),
-        (q3, 0.0),
-        (b1.x, b1.y),
-        (b2.x, b2.y),
-        (platform.x, platform.y),
+        a1=(q1, 0.0),
+        a2=(q2, 0.0),
+        a3=(q3, 0.0),
+        b1=(b1.x, b1.y),
+        b2=(b2.x, b2.y),
+        p=(platform.x, platform.y),
     )
 
 
 def tree(geometry: Geometry) -> tuple[TreeJoint, ...]:
     """Return the joints from the rail to the end effector and to the ends of the links."""
     along = Pose(0.0, 0.0, geometry.rail_angle)
+    tool = Pose(*geometry.tool)
     return (
         TreeJoint('q1', 'rail', 'carriage_1', 'x', along),
         TreeJoint('q2', 'rail', 'carriage_2', 'x', along),
@@ -95,7 +111,7 @@ def tree(geometry: Geometry) -> tuple[TreeJoint, ...]:
         TreeJoint('turn', 'slider', 'platform', 'z'),
         TreeJoint('swing_1', 'carriage_1', 'link_1'),
         TreeJoint('swing_2', 'carriage_2', 'link_2'),
-        TreeJoint('', 'platform', 'end_effector', 'z', Pose(*geometry.tool)),
+        TreeJoint('', 'platform', 'end_effector', 'z', tool),
     )
 
 
@@ -122,101 +138,102 @@ def urdf(geometry: Geometry, prefix: str = '') -> str:
     """Return the URDF of a geometry; the prefix precedes the names of the links, as in TF."""
     robot = Element('robot', name='facade_manipulator')
     for name, colour in COLOURS.items():
-        SubElement(SubElement(robot, 'material', name=name), 'color', rgba=colour)
-    names = ['rail', *(joint.child for joint in tree(geometry))]
+        material = SubElement(robot, 'material', name=name)
+        SubElement(material, 'color', rgba=colour)
+
+    joints_of_tree = tree(geometry)
+    names = ['rail', *(joint.child for joint in joints_of_tree)]
     links = {name: SubElement(robot, 'link', name=prefix + name) for name in names}
-    for name, size, middle, colour in _boxes(geometry):
-        visual = SubElement(links[name], 'visual')
-        _origin(visual, middle)
-        SubElement(SubElement(visual, 'geometry'), 'box', size=_text(size))
-        SubElement(visual, 'material', name=colour)
-    for joint in tree(geometry):
+    for box in _boxes(geometry):
+        _add_box(links[box.link], box)
+    for joint in joints_of_tree:
         _add_joint(robot, joint, prefix, _range(geometry, joint))
+
     ElementTree.indent(robot)
     return ElementTree.tostring(robot, encoding='unicode')
+
+
+def _add_box(link: Element, box: Box) -> None:
+    visual = SubElement(link, 'visual')
+    _add_origin(visual, box.middle)
+    shape = SubElement(visual, 'geometry')
+    SubElement(shape, 'box', size=_text(box.size))
+    SubElement(visual, 'material', name=box.colour)
 
 
 def _add_joint(
     robot: Element, joint: TreeJoint, prefix: str, bounds: tuple[float, float] | None
 ) -> None:
-    kind = 'prismatic' if bounds else 'continuous' if joint.name else 'fixed'
+    """Add a joint, with its minimum and maximum position [m] if it is prismatic."""
+    kind = 'fixed'
+    if bounds:
+        kind = 'prismatic'
+    elif joint.name:
+        kind = 'continuous'
+
     element = SubElement(robot, 'joint', name=joint.name or joint.child, type=kind)
     SubElement(element, 'parent', link=prefix + joint.parent)
     SubElement(element, 'child', link=prefix + joint.child)
-    _origin(element, joint.origin)
+    _add_origin(element, joint.origin)
     if joint.name:
         SubElement(element, 'axis', xyz=AXES[joint.axis])
-    if (
-        bounds
-    ):  # effort and velocity are required attributes; 0 means that they are not given
-        lower, upper = map(repr, bounds)
-        SubElement(element, 'limit', lower=lower, upper=upper, effort='0', velocity='0')
+    if bounds:
+        limit = SubElement(element, 'limit')
+        limit.set('lower', repr(bounds[0]))
+        limit.set('upper', repr(bounds[1]))
+        # these attributes are required; 0 means that they are not given
+        limit.set('effort', '0')
+        limit.set('velocity', '0')
 
 
 def _range(geometry: Geometry, joint: TreeJoint) -> tuple[float, float] | None:
     """Return the minimum and maximum position of a prismatic joint [m]."""
-    if joint.name in Carriages._fields:
-        ends = (
-            Mechanism(geometry).on_rail(Carriages(q, q, q)) for q in geometry.stroke
-        )
-        lower, upper = (getattr(end, joint.name) for end in ends)
-        return lower, upper
-    reach = max(geometry.link_lengths) + max(geometry.half_lengths)
-    return (-reach, reach) if joint.axis == 'y' else None
+    if joint.name in CARRIAGES:
+        number = CARRIAGES.index(joint.name)
+        minimum, maximum = geometry.stroke
+        offset = geometry.carriage_offsets[number]
+        return minimum + offset, maximum + offset
+    if joint.axis == 'y':
+        reach = max(geometry.link_lengths) + max(geometry.half_lengths)
+        return -reach, reach
+    return None
 
 
-def _boxes(geometry: Geometry) -> Iterator[tuple[str, Sequence[float], Pose, str]]:
-    """Yield the link, size [m], centre [m] and colour of each visible box."""
+def _boxes(geometry: Geometry) -> Iterator[Box]:
+    """Yield all visible boxes."""
     minimum, maximum = geometry.stroke
-    yield (
+    yield Box(
         'rail',
         (geometry.stroke_length, RAIL_DEPTH, RAIL_HEIGHT),
         Pose(0.5 * (minimum + maximum), 0.0, geometry.rail_angle),
         'dark',
     )
-    width = max(geometry.carriage_gap, THINNEST_CARRIAGE)
+
     for side, length in enumerate(geometry.link_lengths, start=1):
-        yield (
-            f'link_{side}',
-            (length, LINK_WIDTH, LINK_WIDTH),
-            Pose(0.5 * length, 0.0, 0.0),
-            'blue',
-        )
+        size = (length, LINK_WIDTH, LINK_WIDTH)
+        yield Box(f'link_{side}', size, Pose(0.5 * length, 0.0, 0.0), 'blue')
+
+    width = max(geometry.carriage_gap, THINNEST_CARRIAGE)
+    carriage = (width, CARRIAGE_DEPTH, CARRIAGE_HEIGHT)
     for number in (1, 2, 3):
-        yield (
-            f'carriage_{number}',
-            (width, CARRIAGE_DEPTH, CARRIAGE_HEIGHT),
-            ZERO_POSE,
-            'blue',
-        )
-    yield (
-        'carriage_3',
-        (GUIDE_WIDTH, geometry.link_length, GUIDE_WIDTH),
-        Pose(0.0, 0.5 * geometry.link_length, 0.0),
-        'grey',
-    )
-    half_1, half_2 = geometry.half_lengths
-    yield (
-        'platform',
-        (half_1 + half_2, PLATFORM_WIDTH, PLATFORM_WIDTH),
-        Pose(0.5 * (half_2 - half_1), 0.0, 0.0),
-        'blue',
-    )
-    yield (
-        'end_effector',
-        (HEAD_WIDTH, HEAD_LENGTH, HEAD_WIDTH),
-        Pose(0.0, 0.5 * HEAD_LENGTH, 0.0),
-        'grey',
-    )
+        yield Box(f'carriage_{number}', carriage, ZERO_POSE, 'blue')
+
+    length = geometry.link_length
+    guide = (GUIDE_WIDTH, length, GUIDE_WIDTH)
+    yield Box('carriage_3', guide, Pose(0.0, 0.5 * length, 0.0), 'grey')
+
+    half1, half2 = geometry.half_lengths
+    platform = (half1 + half2, PLATFORM_WIDTH, PLATFORM_WIDTH)
+    yield Box('platform', platform, Pose(0.5 * (half2 - half1), 0.0, 0.0), 'blue')
+
+    head = (HEAD_WIDTH, HEAD_LENGTH, HEAD_WIDTH)
+    yield Box('end_effector', head, Pose(0.0, 0.5 * HEAD_LENGTH, 0.0), 'grey')
 
 
-def _origin(element: Element, pose: Pose) -> None:
-    SubElement(
-        element,
-        'origin',
-        xyz=_text((*pose[:2], 0.0)),
-        rpy=_text((0.0, 0.0, pose.theta)),
-    )
+def _add_origin(element: Element, pose: Pose) -> None:
+    place = _text((pose.x, pose.y, 0.0))
+    turn = _text((0.0, 0.0, pose.theta))
+    SubElement(element, 'origin', xyz=place, rpy=turn)
 
 
 def _text(numbers: Sequence[float]) -> str:

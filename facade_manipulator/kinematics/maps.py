@@ -116,7 +116,8 @@ def intervals_of(geometry: Geometry, at: Arrays) -> tuple[np.ndarray, np.ndarray
 def number_at(geometry: Geometry, y: ArrayLike, theta: ArrayLike) -> np.ndarray:
     """Return N [m²] at every y and θ ≥ 0, the far edge included."""
     sides = geometry.drawn.sides
-    y, theta = np.asarray(y), np.asarray(theta)
+    y = np.asarray(y)
+    theta = np.asarray(theta)
     return branch_number(links(sides, y, theta, np.sin, np.cos, _root_or_zero))
 
 

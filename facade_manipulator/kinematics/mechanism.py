@@ -177,11 +177,10 @@ class Mechanism:
         """Return the carriage velocities J·v for a velocity v of the head [m/s]."""
         (x1, y1, t1), (x2, y2, t2), (x3, y3, t3) = self._rows(pose)
         vx, vy, omega = velocity
-        return Carriages(
-            x1 * vx + y1 * vy + t1 * omega,
-            x2 * vx + y2 * vy + t2 * omega,
-            x3 * vx + y3 * vy + t3 * omega,
-        )
+        rate1 = x1 * vx + y1 * vy + t1 * omega
+        rate2 = x2 * vx + y2 * vy + t2 * omega
+        rate3 = x3 * vx + y3 * vy + t3 * omega
+        return Carriages(rate1, rate2, rate3)
 
     def _rows(self, pose: Pose) -> tuple[_Row, _Row, _Row]:
         """

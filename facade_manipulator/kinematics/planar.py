@@ -37,25 +37,31 @@ def compose(a: Pose, b: Pose) -> Pose:
 
     The angles add without wrapping, so that a path of poses stays continuous.
     """
-    cosine, sine = math.cos(a.theta), math.sin(a.theta)
-    return Pose(
-        a.x + cosine * b.x - sine * b.y,
-        a.y + sine * b.x + cosine * b.y,
-        a.theta + b.theta,
-    )
+    cosine = math.cos(a.theta)
+    sine = math.sin(a.theta)
+    x = a.x + cosine * b.x - sine * b.y
+    y = a.y + sine * b.x + cosine * b.y
+    return Pose(x, y, a.theta + b.theta)
 
 
 def relative(a: Pose, b: Pose) -> Pose:
     """Return the pose `b` relative to `a`, ``compose(invert(a), b)`` [m, m, rad]."""
-    cosine, sine = math.cos(a.theta), math.sin(a.theta)
-    x, y = b.x - a.x, b.y - a.y
-    return Pose(cosine * x + sine * y, cosine * y - sine * x, b.theta - a.theta)
+    cosine = math.cos(a.theta)
+    sine = math.sin(a.theta)
+    x = b.x - a.x
+    y = b.y - a.y
+    along = cosine * x + sine * y
+    across = cosine * y - sine * x
+    return Pose(along, across, b.theta - a.theta)
 
 
 def invert(a: Pose) -> Pose:
     """Return the inverse of a pose: ``compose(invert(a), a)`` is the identity [m, m, rad]."""
-    cosine, sine = math.cos(a.theta), math.sin(a.theta)
-    return Pose(-cosine * a.x - sine * a.y, sine * a.x - cosine * a.y, -a.theta)
+    cosine = math.cos(a.theta)
+    sine = math.sin(a.theta)
+    x = -cosine * a.x - sine * a.y
+    y = sine * a.x - cosine * a.y
+    return Pose(x, y, -a.theta)
 
 
 class MotionState(NamedTuple):
@@ -68,19 +74,17 @@ class MotionState(NamedTuple):
         """Return the sum of two states, component by component."""
         if other is ZERO_STATE:
             return self
-        a, b = self.velocity, other.velocity
-        return MotionState(
-            add(self.position, other.position),
-            Twist(a.x + b.x, a.y + b.y, a.theta + b.theta),
-        )
+        a = self.velocity
+        b = other.velocity
+        velocity = Twist(a.x + b.x, a.y + b.y, a.theta + b.theta)
+        return MotionState(add(self.position, other.position), velocity)
 
     def minus(self, other: MotionState) -> MotionState:
         """Return the difference of two states, component by component."""
-        a, b = self.velocity, other.velocity
-        return MotionState(
-            subtract(self.position, other.position),
-            Twist(a.x - b.x, a.y - b.y, a.theta - b.theta),
-        )
+        a = self.velocity
+        b = other.velocity
+        velocity = Twist(a.x - b.x, a.y - b.y, a.theta - b.theta)
+        return MotionState(subtract(self.position, other.position), velocity)
 
 
 ZERO_POSE = Pose(0.0, 0.0, 0.0)  # m, m, rad
@@ -90,7 +94,7 @@ ZERO_STATE = MotionState(ZERO_POSE, ZERO_TWIST)
 
 def millimetres(pose: Pose) -> str:
     """Return a pose as text for an operator [mm, mm, deg]."""
+    angle = math.degrees(pose.theta)
     return (
-        f'x {1e3 * pose.x:+z.1f} mm, y {1e3 * pose.y:+z.1f} mm, '
-        f'theta {math.degrees(pose.theta):+z.2f} deg'
+        f'x {1e3 * pose.x:+z.1f} mm, y {1e3 * pose.y:+z.1f} mm, theta {angle:+z.2f} deg'
     )
