@@ -12,7 +12,7 @@ import pytest
 import facade_manipulator
 from facade_manipulator import topics
 from facade_manipulator.compensation.correction import CorrectionMode
-from facade_manipulator.compensation.following import HOLDS
+from facade_manipulator.compensation.held_back import HOLDS
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import LimitError
 from facade_manipulator.study.figures import FIGURES

@@ -25,7 +25,8 @@ from facade_manipulator.compensation.correction import (
     LONGEST_PAUSE,
     SILENCE,
 )
-from facade_manipulator.compensation.following import Following, HeldBack
+from facade_manipulator.compensation.following import Following
+from facade_manipulator.compensation.held_back import HeldBack
 from facade_manipulator.compensation.workspace import WorkspaceLimit
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose, ZERO_POSE
@@ -113,7 +114,6 @@ class Compensator:
         self.gate = EstimateGate(settings.estimate)
         self._reference = ReferencePath(settings.reference)
         self._workspace = WorkspaceLimit(geometry)
-        self._planned_goal: Pose | None = None
         self.newest: CorrectedPose | None = None  #: None while no goal is followed
         self.held_back = HeldBack()  #: limits that hold axes of the head back
 
@@ -146,7 +146,8 @@ class Compensator:
 
     def drop_goal(self) -> None:
         """Drop the goal: `update` returns None; the path to the next goal begins at the head."""
-        self.goal = self._planned_goal = self.newest = None
+        self.goal = None
+        self.newest = None
 
     def hold(self, now: float) -> Pose:
         """
@@ -158,7 +159,7 @@ class Compensator:
             raise ManipulatorError(
                 'hold rejected: the head follows no goal; next: send a goal'
             )
-        self.goal = self._planned_goal = self._reference.stop(
+        self.goal = self._reference.stop(
             max(self.newest.time, now + self.settings.horizon) + self.following.lag
         )
         return self.goal
@@ -178,11 +179,9 @@ class Compensator:
 
     def path_time(self, now: float) -> float:
         """Return the remaining time of the path to the goal [s]; infinite before it is planned."""
-        return (
-            self._reference.arrival() - now
-            if self.goal == self._planned_goal
-            else math.inf
-        )
+        if self.newest is None or self.goal != self._reference.goal:
+            return math.inf
+        return self._reference.arrival() - now
 
     def add_estimate(
         self,
@@ -217,9 +216,8 @@ class Compensator:
             return None
         if self.newest is None or self.following.is_off_path(now):
             self._initialise(now, reach_time, disturbance, self.goal)
-        elif self.goal != self._planned_goal:
+        elif self.goal != self._reference.goal:
             self._reference.retarget(reach_time, self.goal)
-        self._planned_goal = self.goal
         reference = self._reference.at(reach_time).position
         interval = 0.0
         if self.newest is not None:

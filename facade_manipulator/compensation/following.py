@@ -1,15 +1,12 @@
-"""Following of the head: whether it follows its path, is held back, and has reached its goal."""
+"""Tracking of the head: whether it follows its path, and with which lag."""
 
 from __future__ import annotations
 
-from enum import Enum
 import math
-from typing import NamedTuple
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import difference, MotionState, Pose, Twist
 from facade_manipulator.motion.timed_buffer import KEPT_TIME, TimedBuffer
-from facade_manipulator.parameters import parameter, settings
 
 LARGEST_ERROR, LARGEST_YAW_ERROR = (
     0.02,
@@ -22,10 +19,6 @@ LAG_MEMORY = (
     10.0  # s, time constant with which the lag is measured: drives change it slowly
 )
 GREATEST_LAG = 0.05  # s, maximum that is compensated: a larger one is a fault
-HOLDS = ('at the workspace limit', 'by an uncertain estimate')
-LEAST_ERROR = 1e-4  # m or rad, minimum error of an axis that counts as held back
-SHOWN_FOR = 1.0  # s, so that an operator can read the message
-LEAVING = 2.0  # times the tolerance: a larger error leaves a reached goal
 
 
 class Following:
@@ -107,135 +100,3 @@ def _motion(poses: TimedBuffer[Pose], stamp: float) -> MotionState | None:
         Pose(*(a + share * d for a, d in zip(first, change, strict=True))),
         Twist(*(d / (end - begin) for d in change)),
     )
-
-
-class HeldBack:
-    """Limits that hold axes of the head back, or held them back within the last second."""
-
-    def __init__(self) -> None:
-        self._noted: dict[tuple[str, str], float] = {}
-
-    def note(self, now: float, *errors: Pose) -> None:
-        """Record the axes that are held back, by their errors for each of `HOLDS`."""
-        for limit, error in zip(HOLDS, errors, strict=True):
-            for axis, amount in zip(Pose._fields, error, strict=True):
-                if abs(amount) > LEAST_ERROR:
-                    self._noted[limit, axis] = now
-
-    def message(self, now: float) -> str:
-        """Return the held axes and their limits as a message, empty if no axis is held."""
-        self._noted = {
-            held: then
-            for held, then in self._noted.items()
-            if 0.0 <= now - then < SHOWN_FOR
-        }  # a future stamp: the clock was set back
-        axes = {
-            limit: [axis for axis in Pose._fields if (limit, axis) in self._noted]
-            for limit in HOLDS
-        }
-        return '; '.join(
-            f'held back in {", ".join(held)} {limit}'
-            for limit, held in axes.items()
-            if held
-        )
-
-
-@settings
-class ArrivalSettings:
-    """Settings of arrival: required distance of the head from its goal, and required duration."""
-
-    distance: float = parameter(
-        'Distance on the wall within which a goal is reached',
-        default=0.005,
-        unit='m',
-        minimum=1e-4,
-        maximum=0.1,
-        live=True,
-    )
-    angle: float = parameter(
-        'Angle within which a goal is reached',
-        default=0.01,
-        unit='rad',
-        minimum=1e-4,
-        maximum=0.5,
-        live=True,
-    )
-    dwell: float = parameter(
-        'Dwell time within both tolerances',
-        default=0.2,
-        unit='s',
-        minimum=0.0,
-        maximum=10.0,
-        live=True,
-    )
-
-
-class GoalState(Enum):
-    """State of a goal."""
-
-    NONE = 'none'  #: no goal was received
-    ACCEPTED = 'accepted'
-    MOVING = 'moving'
-    HELD_BACK = 'held back'
-    REACHED = 'reached'
-    REJECTED = 'rejected'  #: never followed; the previous goal stays in force
-    ENDED = 'ended'  #: no longer followed
-    SUPERSEDED = 'superseded'  #: by a newer goal
-
-
-class GoalProgress(NamedTuple):
-    """Progress of the measured head towards its goal; NaN where it is unknown."""
-
-    state: GoalState
-    distance: float = math.nan  #: from the goal [m]
-    angle: float = math.nan  #: from the goal [rad]
-    time_to_go: float = math.nan  #: until the path ends and the dwell is over [s]
-
-
-class ArrivalWatch:
-    """Watch that determines whether a goal is reached."""
-
-    def __init__(self, settings: ArrivalSettings) -> None:
-        self.settings = settings
-        self.begin()
-
-    def begin(self) -> None:
-        """Forget the previous goal and watch another."""
-        self._near_since, self._is_reached = math.inf, False
-
-    def update(
-        self,
-        now: float,
-        error: Pose | None,
-        path_time: float,
-        is_held_back: bool,
-        is_pressed: bool = True,
-    ) -> GoalProgress:
-        """
-        Return the progress at a time [s].
-
-        The error is the goal minus the measured head on the wall, None if it is unknown. The
-        path time is the remaining time of the path [s]. The head is held back if a limit keeps
-        it from its path, or the contact keeps it from the wall. It is pressed if a requested
-        force is held, or no force is requested.
-        """
-        distance = angle = math.nan
-        if error is not None:
-            distance, angle = math.hypot(error.x, error.y), abs(error.theta)
-        near = is_pressed and path_time <= 0.0 and self._is_near(distance, angle)
-        self._near_since = min(self._near_since, now) if near else math.inf
-        dwelt = max(now - self._near_since, 0.0)
-        self._is_reached = near and (self._is_reached or dwelt >= self.settings.dwell)
-        if self._is_reached:
-            return GoalProgress(GoalState.REACHED, distance, angle, 0.0)
-        state = GoalState.HELD_BACK if is_held_back else GoalState.MOVING
-        return GoalProgress(
-            state, distance, angle, max(path_time, 0.0) + self.settings.dwell - dwelt
-        )
-
-    def _is_near(self, distance: float, angle: float) -> bool:
-        factor = LEAVING if self._is_reached else 1.0
-        settings = self.settings
-        return (
-            distance <= factor * settings.distance and angle <= factor * settings.angle
-        )

@@ -75,6 +75,7 @@ class ReferencePath:
 
     def __init__(self, settings: ReferenceSettings) -> None:
         self.settings = settings
+        self.goal: Pose | None = None  #: end of the path, None before the first path
         self._trajectory = Trajectory(AXES)
         self._start = -math.inf  # before the first path
 
@@ -88,8 +89,9 @@ class ReferencePath:
         Raises a ManipulatorError if there is no such path.
         """
         turn = wrap_angle(goal.theta - motion.position.theta)
-        goal = goal._replace(theta=motion.position.theta + turn)
-        self._plan(time, motion, goal)
+        end = goal._replace(theta=motion.position.theta + turn)
+        self._plan(time, motion, end)
+        self.goal = goal
 
     def retarget(self, time: float, goal: Pose) -> None:
         """Plan a path to another goal from the motion at a time [s], after `initialise`."""
@@ -98,7 +100,8 @@ class ReferencePath:
     def stop(self, time: float) -> Pose:
         """Plan to come to rest from a time [s]; return the final pose [m, m, rad]."""
         self._plan(time, self.at(time), None)
-        return self.at(math.inf).position
+        self.goal = self.at(math.inf).position
+        return self.goal
 
     def at(self, time: float) -> HeadMotion:
         """Return the motion at a time [s], clamped to the start and end of the path."""

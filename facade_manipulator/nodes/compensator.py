@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from time import monotonic
-from typing import Any, NamedTuple
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -25,13 +25,9 @@ from facade_manipulator.compensation.compensator import (
     CompensatorSettings,
     DEFAULTS,
 )
-from facade_manipulator.compensation.following import (
-    ArrivalSettings,
-    GoalProgress,
-    GoalState,
-)
+from facade_manipulator.compensation.goal import ArrivalSettings, Goal, GoalTracker
 from facade_manipulator.errors import InputError, ManipulatorError
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.kinematics.planar import millimetres
 from facade_manipulator.nodes import command_gate, conversions, messages
 from facade_manipulator.nodes.base_node import BaseNode
@@ -54,14 +50,6 @@ from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
 from facade_manipulator.nodes.settings import RateSettings
-
-
-class Goal(NamedTuple):
-    """Goal on the wall, with its stamp and its time of reception."""
-
-    received: float  #: [s, monotonic]
-    stamp: str  #: as compensator/goal_status has it, ``''`` for a held pose
-    pose: Pose
 
 
 def stamp_of(goal: PoseStamped) -> str:
@@ -93,8 +81,6 @@ class CompensatorNode(BaseNode):
                 }
             ),
         )
-        self._goal: Goal | None = None  # that is followed
-        self._newest: PoseStamped | None = None  # message of the newest goal
         self._out_of_plane = messages.OutOfPlane(0.0, 0.0)  # of the newest estimate
 
         self.diagnostics = Diagnostics(self, self._components)
@@ -104,28 +90,23 @@ class CompensatorNode(BaseNode):
         self._references = self.create_publisher(*topics.REFERENCE)
         self._transform = conversions.FacadeTransform(self)
         goal_status = self.create_publisher(*topics.GOAL_STATUS)
-        self._progress = report.GoalReport(
-            lambda goal: goal_status.publish(diagnostic_status(*goal)),
+        self._goals = GoalTracker(
             self._compensator,
+            lambda component: goal_status.publish(diagnostic_status(*component)),
             lambda text: self.get_logger().warning(
                 text, throttle_duration_sec=LOG_PERIOD
             ),
         )
-        self._progress.watch.settings = declare(
+        self._goals.settings = declare(
             self,
             ArrivalSettings,
             'arrival',
-            partial(setattr, self._progress.watch, 'settings'),
-        )
-        self._progress.send(
-            '',
-            GoalProgress(GoalState.NONE),
-            'no goal was received; next: send goal_pose',
+            partial(setattr, self._goals, 'settings'),
         )
         self.inputs = PublisherWatch(self, self.diagnostics)
         self._gate = CommandGate(
-            self._follow,
-            self._reject_held,
+            self._goals.follow,
+            self._refuse,
             self._end_goal,
             'send the goal with a new stamp',
         )
@@ -160,59 +141,30 @@ class CompensatorNode(BaseNode):
     def _receive_goal(self, message: PoseStamped) -> None:
         time = messages.seconds(message.header.stamp)
         pose = messages.planar_pose(message.pose, 'goal_pose')
-        if self._is_repetition(message, pose):
+        goal = Goal(pose, stamp_of(message), monotonic())
+        if self._goals.is_repetition(goal, has_stamp=bool(time)):
             return
-        self._newest = message
         messages.require_recent_command('goal_pose', time, ros_time())
         if self._gate.status is SILENT:  # two publishers silence the driver
             self.inputs.require_sole(topics.DRIVER_STATUS.name)
         self._compensator.require_inside(pose)
-        if self._gate.held is not None:
-            self._progress.supersede(self._gate.held.stamp)
-        self._gate.offer(Goal(monotonic(), stamp_of(message), pose))
-
-    def _receive_status(self, message: DiagnosticStatus) -> None:
-        self._gate.receive(monotonic(), ros_time(), DriverStatus.from_message(message))
-
-    def _is_repetition(self, message: PoseStamped, pose: Pose) -> bool:
-        """
-        Return whether a message repeats the newest goal.
-
-        A goal with a stamp is answered once: after its rejection or its end, the answer is
-        published again. A goal without a stamp is repeated while it is followed or waits.
-        """
-        if message.header.stamp != Time():
-            if message != self._newest:
-                return False
-            if self._gate.held is None and not self._progress.stamp:
-                self._progress.repeat()
-            return True
-        goal = self._gate.held or (self._goal if self._progress.stamp else None)
-        return goal is not None and goal.pose == pose
+        self._goals.receive(goal)
+        self._gate.offer(goal)
 
     def _reject_goal(self, message: PoseStamped, error: ManipulatorError) -> None:
-        self._newest = message
-        stamp = stamp_of(message)
-        accepted = [self._progress.stamp]
-        if self._gate.held is not None:
-            accepted.append(self._gate.held.stamp)
-        if stamp not in accepted:  # a repetition does not change the answer
-            self._progress.reject(stamp, str(error))
+        self._goals.reject(stamp_of(message), str(error))
 
-    def _follow(self, goal: Goal) -> None:
-        self._compensator.set_goal(goal.pose)
-        self._goal = goal
-        self._progress.accept(goal.stamp)
-
-    def _reject_held(self, goal: Goal, error: ManipulatorError) -> None:
+    def _refuse(self, _: Goal, error: ManipulatorError) -> None:
         self.diagnostics.reject(error, 'goal_pose rejected')
-        self._progress.reject(goal.stamp, str(error))
+        self._goals.refuse(str(error))
 
     def _end_goal(self) -> None:
         """Drop the goal from before a stop or the activation of the drives."""
-        self._goal = None
         self._compensator.drop_goal()
-        self._progress.end(str(self._gate.refusal('send a new goal')))
+        self._goals.end(str(self._gate.refusal('send a new goal')))
+
+    def _receive_status(self, message: DiagnosticStatus) -> None:
+        self._gate.receive(monotonic(), ros_time(), DriverStatus.from_message(message))
 
     def _add_estimate(self, message: PoseWithCovarianceStamped | Odometry) -> None:
         child = getattr(
@@ -288,7 +240,7 @@ class CompensatorNode(BaseNode):
         """Publish the progress of the goal, and diagnostics that have changed."""
         now = monotonic()
         self._gate.update(now)
-        self._progress.update(now)
+        self._goals.update(now)
         self.diagnostics.publish_change(
             report.correction_outcome(self._compensator, now, self.inputs.fault)
         )
@@ -331,9 +283,9 @@ class CompensatorNode(BaseNode):
         return f'the nominal position of the rail is now {millimetres(place)}'
 
     def _hold(self) -> str:
-        self._goal = Goal(monotonic(), '', self._compensator.hold(monotonic()))
-        self._progress.end(f'{topics.HOLD.name} was called')
-        return f'the head stays on the wall at {millimetres(self._goal.pose)}'
+        place = self._compensator.hold(monotonic())
+        self._goals.end(f'{topics.HOLD.name} was called')
+        return f'the head stays on the wall at {millimetres(place)}'
 
 
 main = partial(run, lambda: [CompensatorNode()])

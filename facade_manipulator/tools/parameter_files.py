@@ -14,7 +14,7 @@ from typing import Any
 
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.compensation.compensator import DEFAULTS
-from facade_manipulator.compensation.following import ArrivalSettings
+from facade_manipulator.compensation.goal import ArrivalSettings
 from facade_manipulator.drives.axis_settings import read_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.errors import ParameterError

@@ -1,4 +1,4 @@
-"""Lag of the head on its path, and arrival at a goal."""
+"""Tracking of the head on its path, and its lag."""
 
 import math
 
@@ -6,19 +6,11 @@ import numpy as np
 import pytest
 
 from facade_manipulator.compensation import following as module
-from facade_manipulator.compensation.following import (
-    ArrivalSettings,
-    ArrivalWatch,
-    Following,
-    GoalState,
-    HeldBack,
-)
+from facade_manipulator.compensation.following import Following
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import add, Pose, ZERO_POSE
+from facade_manipulator.kinematics import add, Pose
 
 PERIOD = 0.01
-SETTINGS = ArrivalSettings(distance=0.005, angle=0.01, dwell=0.2)
-NEAR, FAR = Pose(0.003, 0.003, 0.005), Pose(0.006, 0.0, 0.0)
 
 
 def course(time):
@@ -94,52 +86,3 @@ def test_unmeasured_head_is_not_off_its_path():
     assert not following.is_off_path(now + 1.0)
     with pytest.raises(InputError, match='0.050 s older'):
         following.add_head(now - 0.05, course(now))
-
-
-def test_held_axes_are_reported_for_one_second():
-    held, least, second = HeldBack(), module.LEAST_ERROR, module.SHOWN_FOR
-    assert held.message(0.0) == ''
-    held.note(10.0, Pose(-2.0 * least, 0.9 * least, 0.01), Pose(0.0, 1.0, 0.0))
-    assert held.message(10.0 + 0.9 * second) == (
-        'held back in x, theta at the workspace limit; held back in y by an uncertain estimate'
-    )
-    held.note(11.0, ZERO_POSE, Pose(0.0, 0.0, 0.1))
-    assert held.message(10.1 + second) == 'held back in theta by an uncertain estimate'
-    assert held.message(1.0) == held.message(11.0) == ''  # the clock was set back
-
-
-# seconds, error, time to the path's end; whether the head is held back and pressed
-@pytest.mark.parametrize(
-    ('steps', 'expected'),
-    [
-        ([(0.15, NEAR, 0.0), (0.1, NEAR, 0.0)], ['moving', 'reached']),
-        ([(0.15, NEAR, 0.0), (0.02, FAR, 0.0), (0.15, NEAR, 0.0)], ['moving'] * 3),
-        ([(1.0, NEAR, 0.5)], ['moving']),
-        ([(1.0, None, 0.0)], ['moving']),
-        ([(1.0, NEAR, 0.0, False, False), (1.0, NEAR, 0.0)], ['moving', 'reached']),
-        (
-            [(1.0, NEAR, 0.0, True, False), (1.0, NEAR, 0.0, True)],
-            ['held back', 'reached'],
-        ),
-        ([(1.0, Pose(0.0, 0.0, 0.02), 0.0)], ['moving']),
-        (
-            [
-                (0.3, NEAR, 0.0),
-                (0.3, Pose(0.009, 0.0, 0.0), 0.0),
-                (0.1, Pose(0.011, 0.0, 0.0), 0.0),
-            ],
-            ['reached', 'reached', 'moving'],
-        ),
-    ],
-)
-def test_goal_near_for_the_dwell_time_is_reached(steps, expected):
-    watch, now, found = ArrivalWatch(SETTINGS), 0.0, []
-    for duration, error, path_time, *limits in steps:
-        for _ in range(round(duration / PERIOD)):
-            now += PERIOD
-            progress = watch.update(now, error, path_time, *limits or [False])
-            assert (progress.time_to_go > 0.0) == (
-                progress.state is not GoalState.REACHED
-            )
-        found.append(progress.state.value)
-    assert found == expected

@@ -14,7 +14,7 @@ import numpy as np
 from sensor_record import feed, PERIOD, SETUP, START
 
 from facade_manipulator.compensation.compensator import Compensator, DEFAULTS
-from facade_manipulator.compensation.following import LEAST_ERROR
+from facade_manipulator.compensation.held_back import LEAST_ERROR
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.estimation.estimator import DisturbanceEstimator
 from facade_manipulator.kinematics import (

@@ -20,6 +20,7 @@ import pytest
 from std_srvs.srv import SetBool
 
 from facade_manipulator import topics
+from facade_manipulator.compensation.goal import GoalState
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.kinematics.planar import compose, millimetres
@@ -208,12 +209,12 @@ def test_repetition_of_the_followed_goal_is_ignored(neighbours):
     neighbours.publish(topics.GOAL_POSE, goal)
     neighbours.until_goal_status('moving')
     node = neighbours.tested
-    followed = node._goal
     for repeated in (goal, pose_stamped('facade', 0.0, GOAL)):
         node._receive_goal(repeated)
-        assert node._goal is followed
+        assert node._goals.state is GoalState.MOVING
     node._receive_goal(pose_stamped('facade', neighbours.now(), GOAL))
-    assert node._goal is not followed and not neighbours.rejection_count()
+    assert node._goals.state is GoalState.ACCEPTED
+    assert not neighbours.rejection_count()
 
 
 @pytest.mark.parametrize(('child', 'x'), [('rail', 0.05), ('prism', 0.55)])
@@ -283,7 +284,7 @@ class GoalAnswers:
             'facade_manipulator.nodes.compensator.monotonic', lambda: self.time
         )
         self.node = ros.add(CompensatorNode())
-        self.node._progress._publish = self._record
+        self.node._goals._publish = self._record
         self._goals = 0
         self.states = {}
 

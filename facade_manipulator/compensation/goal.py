@@ -1,0 +1,354 @@
+"""Goal of the head on the wall: reception, way, arrival and end, as reports for a supervisor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+import math
+from typing import NamedTuple
+
+from facade_manipulator.compensation.compensator import Compensator
+from facade_manipulator.compensation.correction import (
+    Correction,
+    CorrectionMode,
+    FADE_AFTER,
+    SILENCE,
+)
+from facade_manipulator.compensation.following import PATIENCE
+from facade_manipulator.compensation.report import Component, pressing_values
+from facade_manipulator.errors import joined
+from facade_manipulator.kinematics import Pose, ZERO_POSE
+from facade_manipulator.parameters import parameter, settings
+
+GOAL_PERIOD = 0.2  # s, between two reports while the head moves
+LEAVING = 2.0  # times the tolerance: a larger error leaves a reached goal
+# s after its path, in which the head reaches a goal if nothing holds it back
+ARRIVAL_TIME = 1.0
+NO_GOAL = 'no goal was received; next: send goal_pose'
+NEWER_GOAL = 'a newer goal was received'
+
+
+class Goal(NamedTuple):
+    """Goal of the head on the wall."""
+
+    pose: Pose  #: [m, m, rad]
+    stamp: str  #: on compensator/goal_status, in seconds
+    received: float  #: [s, monotonic]
+
+
+class GoalState(Enum):
+    """State of a goal; the values are those on compensator/goal_status."""
+
+    NONE = 'none'  #: no goal was received
+    WAITING = 'waiting'  #: for the status of the driver; not published
+    ACCEPTED = 'accepted'
+    MOVING = 'moving'
+    HELD_BACK = 'held back'
+    REACHED = 'reached'
+    REJECTED = 'rejected'  #: never followed
+    ENDED = 'ended'  #: no longer followed
+    SUPERSEDED = 'superseded'  #: by a newer goal
+
+
+FOLLOWED = (
+    GoalState.ACCEPTED,
+    GoalState.MOVING,
+    GoalState.HELD_BACK,
+    GoalState.REACHED,
+)
+LEVELS = {
+    GoalState.HELD_BACK: 'warn',
+    GoalState.ENDED: 'warn',
+    GoalState.REJECTED: 'error',
+}
+
+
+@settings
+class ArrivalSettings:
+    """Settings of arrival: required distance of the head from its goal, and required duration."""
+
+    distance: float = parameter(
+        'Distance on the wall within which a goal is reached',
+        default=0.005,
+        unit='m',
+        minimum=1e-4,
+        maximum=0.1,
+        live=True,
+    )
+    angle: float = parameter(
+        'Angle within which a goal is reached',
+        default=0.01,
+        unit='rad',
+        minimum=1e-4,
+        maximum=0.5,
+        live=True,
+    )
+    dwell: float = parameter(
+        'Dwell time within both tolerances',
+        default=0.2,
+        unit='s',
+        minimum=0.0,
+        maximum=10.0,
+        live=True,
+    )
+
+
+class Rejection(NamedTuple):
+    """Rejected goal, by its stamp."""
+
+    stamp: str
+    reason: str
+
+
+class Remaining(NamedTuple):
+    """Distance, angle and time that remain until a goal is reached; NaN where unknown."""
+
+    distance: float = math.nan  #: of the measured head [m]
+    angle: float = math.nan  #: of the measured head [rad]
+    time: float = math.nan  #: until the path ends and the dwell time is over [s]
+
+
+UNKNOWN = Remaining()
+
+
+class GoalTracker:
+    """
+    Tracker of the newest goal, which publishes each of its states.
+
+    The node calls `receive` for a goal that is inside the workspace and no repetition. The goal
+    then waits for `follow` or `refuse`, and a followed goal for `end`. The node calls `update` at
+    20 Hz, and `reject` for a goal that cannot be followed at all.
+
+    Parameters
+    ----------
+    compensator : Compensator
+        Moves the head to the followed goal.
+    publish : callable
+        Publishes a component on compensator/goal_status.
+    warn : callable
+        Logs a warning.
+
+    Attributes
+    ----------
+    settings : ArrivalSettings
+    state : GoalState
+        State of the newest goal that was received.
+
+    """
+
+    def __init__(
+        self,
+        compensator: Compensator,
+        publish: Callable[[Component], None],
+        warn: Callable[[str], object],
+    ) -> None:
+        self._compensator = compensator
+        self._publish = publish
+        self._warn = warn
+        self.settings = ArrivalSettings()
+        self._goal = Goal(ZERO_POSE, '', -math.inf)  # before the first goal
+        self.state = GoalState.NONE
+        self._reason = NO_GOAL
+        self._rejection: Rejection | None = None  # since a goal was followed last
+        self._near_since = math.inf  # since when the head is near the goal [s]
+        self._due = -math.inf  # time of the next report [s]
+        self._repeat()
+
+    @property
+    def is_followed(self) -> bool:
+        """Return whether the head follows the newest goal."""
+        return self.state in FOLLOWED
+
+    @property
+    def is_in_force(self) -> bool:
+        """Return whether the newest goal is followed or waits for its answer."""
+        return self.is_followed or self.state is GoalState.WAITING
+
+    def is_repetition(self, goal: Goal, has_stamp: bool) -> bool:
+        """
+        Return whether a goal repeats one that is already answered or waits for its answer.
+
+        A goal with a stamp is answered once: after its rejection or its end, the answer is
+        published again. A goal without a stamp repeats the newest goal while this waits or is
+        followed.
+        """
+        newest = self._goal
+        if not has_stamp:
+            return self.is_in_force and goal.pose == newest.pose
+        rejection = self._rejection
+        is_rejected = rejection is not None and goal.stamp == rejection.stamp
+        is_newest = goal.stamp == newest.stamp and goal.pose == newest.pose
+        if self.is_in_force:
+            return is_rejected or is_newest
+        if rejection is not None and is_rejected:
+            self._send(rejection.stamp, GoalState.REJECTED, rejection.reason)
+        elif is_newest:
+            self._repeat()
+        return is_rejected or is_newest
+
+    def receive(self, goal: Goal) -> None:
+        """Let a goal wait for its answer; it supersedes a goal that is not yet reached."""
+        is_reached = self.state is GoalState.REACHED
+        is_other = goal.stamp != self._goal.stamp
+        if self.is_in_force and is_other and not is_reached:
+            self._enter(GoalState.SUPERSEDED, NEWER_GOAL)
+        self._goal = goal
+        self.state = GoalState.WAITING
+
+    def follow(self, goal: Goal) -> None:
+        """Move the head to the goal that waits."""
+        self._compensator.set_goal(goal.pose)
+        self._rejection = None
+        self._near_since = math.inf
+        self._enter(GoalState.ACCEPTED, '')
+
+    def refuse(self, reason: str) -> None:
+        """Reject the goal that waits, because the drives do not follow it."""
+        self._rejection = Rejection(self._goal.stamp, reason)
+        self._enter(GoalState.REJECTED, reason)
+
+    def reject(self, stamp: str, reason: str) -> None:
+        """Reject a goal that is outside the workspace or malformed; a followed goal continues."""
+        if self.is_in_force and stamp == self._goal.stamp:
+            return  # a repetition does not change the answer
+        self._rejection = Rejection(stamp, reason)
+        self._send(stamp, GoalState.REJECTED, reason)
+
+    def end(self, reason: str) -> None:
+        """Report why the followed goal ends; the caller stops the head."""
+        if self.is_followed:
+            self._enter(GoalState.ENDED, reason)
+
+    def update(self, now: float) -> None:
+        """Publish a change at once, and the distance to the goal every `GOAL_PERIOD`."""
+        if not self.is_followed:
+            return
+        remaining = self._remaining(now)
+        state, reason = self._present_state(now, remaining)
+        is_changed = state is not self.state or reason != self._reason
+        # or the clock was set back
+        is_due = not self._due - GOAL_PERIOD <= now < self._due
+        if is_changed or (is_due and state is not GoalState.REACHED):
+            self._due = now + GOAL_PERIOD
+            self._enter(state, reason, remaining)
+
+    def _remaining(self, now: float) -> Remaining:
+        """Measure the distances to the goal, and how long the head has been near."""
+        distance = math.nan
+        angle = math.nan
+        error = self._compensator.goal_error(now)
+        if error is not None:
+            distance = math.hypot(error.x, error.y)
+            angle = abs(error.theta)
+
+        path_time = self._compensator.path_time(now)
+        is_pressed = self._compensator.contact.pressing.is_held
+        if is_pressed and path_time <= 0.0 and self._is_near(distance, angle):
+            self._near_since = min(self._near_since, now)
+        else:
+            self._near_since = math.inf
+        dwelt = max(now - self._near_since, 0.0)
+        dwell = max(self.settings.dwell - dwelt, 0.0)
+        return Remaining(distance, angle, max(path_time, 0.0) + dwell)
+
+    def _is_near(self, distance: float, angle: float) -> bool:
+        factor = LEAVING if self.state is GoalState.REACHED else 1.0
+        is_close = distance <= factor * self.settings.distance
+        return is_close and angle <= factor * self.settings.angle
+
+    def _present_state(self, now: float, remaining: Remaining) -> tuple[GoalState, str]:
+        """Return the state of the followed goal and its reason."""
+        compensator = self._compensator
+        pressing = compensator.contact.pressing
+        reason = compensator.held_back.message(now)
+        is_held_back = bool(reason) or pressing.is_hindered
+        if not pressing.is_held:
+            reason = joined(reason, pressing.outcome)
+
+        is_near = self._near_since < math.inf
+        if is_near and (self.state is GoalState.REACHED or remaining.time <= 0.0):
+            return GoalState.REACHED, reason
+
+        is_late = compensator.path_time(now) < -ARRIVAL_TIME
+        if is_late and not is_near and not reason:
+            reason = late_reason(compensator, now)
+            if reason and self.state is not GoalState.HELD_BACK:
+                self._warn(f'goal held back: {reason}')
+            is_held_back = is_held_back or bool(reason)
+        return GoalState.HELD_BACK if is_held_back else GoalState.MOVING, reason
+
+    def _enter(
+        self, state: GoalState, reason: str, remaining: Remaining = UNKNOWN
+    ) -> None:
+        """Publish the newest goal in a state."""
+        self.state = state
+        self._reason = reason
+        self._send(self._goal.stamp, state, reason, remaining)
+
+    def _repeat(self) -> None:
+        self._send(self._goal.stamp, self.state, self._reason)
+
+    def _send(
+        self,
+        stamp: str,
+        state: GoalState,
+        reason: str,
+        remaining: Remaining = UNKNOWN,
+    ) -> None:
+        """Publish the state of a goal by its stamp, with the reason of the state."""
+        values = {
+            'goal stamp': stamp,
+            'state': state.value,
+            'distance [mm]': 1e3 * remaining.distance,
+            'angle [deg]': math.degrees(remaining.angle),
+            'time to go [s]': remaining.time,
+            'reason': reason,
+        }
+        pressing = self._compensator.contact.pressing
+        if pressing.settings.enabled:
+            values |= pressing_values(pressing)
+        followed = self._compensator.goal
+        if followed is not None:
+            values |= {
+                'followed x [mm]': 1e3 * followed.x,
+                'followed y [mm]': 1e3 * followed.y,
+                'followed angle [deg]': math.degrees(followed.theta),
+            }
+        if self._rejection is not None:
+            values |= {
+                'rejected goal stamp': self._rejection.stamp,
+                'rejection': self._rejection.reason,
+            }
+        level = LEVELS.get(state, 'ok')
+        self._publish(('goal', level, _outcome(state, reason), values))
+
+
+def _outcome(state: GoalState, reason: str) -> str:
+    """Return state and reason; a reason that begins with the state is the outcome."""
+    if not reason or reason.startswith(state.value):
+        return reason or state.value
+    return f'{state.value}: {reason}'
+
+
+def late_reason(compensator: Compensator, now: float) -> str:
+    """Return why a head whose path has ended is not at its goal, ``''`` if it is unknown."""
+    if compensator.following.newest(now) is None:
+        return (
+            f'end_effector_pose is silent for more than {PATIENCE:g} s; next: check '
+            'the ik_service and the publishers of joint_states'
+        )
+    return uncorrected_reason(compensator.correction, now)
+
+
+def uncorrected_reason(correction: Correction, now: float) -> str:
+    """Return why received estimates are not corrected, or soon not; ``''`` if they are."""
+    if correction.is_silent(now):
+        return (
+            f'no valid estimate for more than {SILENCE:g} s, and the correction fades out after '
+            f'{FADE_AFTER:g} s: {correction.silence_cause(now)}'
+        )  # constant: a change is published
+    if correction.mode is CorrectionMode.DISABLED and math.isfinite(
+        correction.age(now)
+    ):
+        return 'the correction is disabled; next: call compensator/enable with true'
+    return ''

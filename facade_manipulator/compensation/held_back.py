@@ -1,0 +1,40 @@
+"""Limits that hold axes of the head back from their path."""
+
+from __future__ import annotations
+
+from facade_manipulator.kinematics import Pose
+
+HOLDS = ('at the workspace limit', 'by an uncertain estimate')
+LEAST_ERROR = 1e-4  # m or rad, minimum error of an axis that counts as held back
+SHOWN_FOR = 1.0  # s, so that an operator can read the message
+
+
+class HeldBack:
+    """Limits that hold axes of the head back, or held them back within the last second."""
+
+    def __init__(self) -> None:
+        self._noted: dict[tuple[str, str], float] = {}
+
+    def note(self, now: float, *errors: Pose) -> None:
+        """Record the axes that are held back, by their errors for each of `HOLDS`."""
+        for limit, error in zip(HOLDS, errors, strict=True):
+            for axis, amount in zip(Pose._fields, error, strict=True):
+                if abs(amount) > LEAST_ERROR:
+                    self._noted[limit, axis] = now
+
+    def message(self, now: float) -> str:
+        """Return the held axes and their limits as a message, empty if no axis is held."""
+        self._noted = {
+            held: then
+            for held, then in self._noted.items()
+            if 0.0 <= now - then < SHOWN_FOR
+        }  # a future stamp: the clock was set back
+        axes = {
+            limit: [axis for axis in Pose._fields if (limit, axis) in self._noted]
+            for limit in HOLDS
+        }
+        return '; '.join(
+            f'held back in {", ".join(held)} {limit}'
+            for limit, held in axes.items()
+            if held
+        )

@@ -1,0 +1,17 @@
+"""Limits that hold axes of the head back."""
+
+from facade_manipulator.compensation import held_back as module
+from facade_manipulator.compensation.held_back import HeldBack
+from facade_manipulator.kinematics import Pose, ZERO_POSE
+
+
+def test_held_axes_are_reported_for_one_second():
+    held, least, second = HeldBack(), module.LEAST_ERROR, module.SHOWN_FOR
+    assert held.message(0.0) == ''
+    held.note(10.0, Pose(-2.0 * least, 0.9 * least, 0.01), Pose(0.0, 1.0, 0.0))
+    assert held.message(10.0 + 0.9 * second) == (
+        'held back in x, theta at the workspace limit; held back in y by an uncertain estimate'
+    )
+    held.note(11.0, ZERO_POSE, Pose(0.0, 0.0, 0.1))
+    assert held.message(10.1 + second) == 'held back in theta by an uncertain estimate'
+    assert held.message(1.0) == held.message(11.0) == ''  # the clock was set back
