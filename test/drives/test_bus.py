@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 
+from axes import bus_of
 from bus_world import (
     at_rest,
     configured,
@@ -361,12 +362,12 @@ def test_congested_network_command_is_sent_later(rig, monkeypatch, number):
     monkeypatch.setattr(FakeBus, 'send', congested)
     rig.request('configure', 'home', 'activate')
     assert len(commands) > number
-    assert not rig.controller.lost
+    assert not bus_of(rig.controller).lost
 
 
 def has_started(rig):
     """Return whether the cycle has started."""
-    exchange = rig.controller.exchange
+    exchange = bus_of(rig.controller).exchange
     return exchange is not None and exchange.has_started
 
 

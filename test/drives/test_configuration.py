@@ -22,9 +22,9 @@ from facade_manipulator.drives.configuration import (
     drive_writes,
     unit_conflicts,
 )
+from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile, quantities
-from facade_manipulator.drives.requests import Session
 from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import DriveError, ParameterError
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
@@ -202,8 +202,8 @@ def test_only_unused_pdos_remain_disabled():
     } == {one.communication_index for one in pdo.unused_pdos(pdo.PDO_MAP)}
 
 
-def session(axes=DEFAULT_AXES) -> Session:
-    return Session(ControllerSettings(), axes, None, MechanismChecks(None))
+def controller(axes=DEFAULT_AXES) -> DriveController:
+    return DriveController(ControllerSettings(), axes, None, MechanismChecks(None))
 
 
 # --- units and identity
@@ -325,7 +325,7 @@ def test_other_identity_is_rejected_with_the_difference(change, message):
         lambda: check_axes(
             tuple(replace(axis, serial_number=5) for axis in DEFAULT_AXES)
         ),
-        lambda: session(
+        lambda: controller(
             axes=(replace(DEFAULT_AXES[0], homing_method=-5), *DEFAULT_AXES[1:])
         ),
         *(

@@ -4,8 +4,8 @@ from collections import deque
 from dataclasses import replace
 from functools import partial
 import itertools
-from types import SimpleNamespace
 
+from axes import commands_of, feedback_of, made_axis
 import pytest
 
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
@@ -33,19 +33,13 @@ class Drives:
     """Three drives that obey the tables of CiA 402, one or more cycles late as on a bus."""
 
     def __init__(self, latency: int = 0) -> None:
-        self.monitors = tuple(
-            SimpleNamespace(
-                name=name,
-                axis=axis,
-                profile=load_profile(axis.profile),
-                counts=axis.to_counts(axis.home_position),
-                error='',
-                disobedience='',
-                answers=SimpleNamespace(missed_in_a_row=0),
-            )
+        self.axes = tuple(
+            made_axis(name, axis, SETTINGS, load_profile(axis.profile))
             for name, axis in zip(AXIS_NAMES, DEFAULT_AXES, strict=True)
         )
-        self.group = Group(self.monitors, SETTINGS)
+        for axis, settings in zip(self.axes, DEFAULT_AXES, strict=True):
+            feedback_of(axis).counts = settings.to_counts(settings.home_position)
+        self.group = Group(self.axes, SETTINGS)
         self.group.start(0.0)
         self.states, self.modes, self.bits = [*OFF], [0, 0, 0], [0, 0, 0]
         self.at_rest, self.deaf, self.now = True, set(), 0.0
@@ -58,12 +52,15 @@ class Drives:
     def cycle(self, count: int = 1) -> None:
         for _ in range(count):
             self.now += PERIOD
-            for number, monitor in enumerate(self.monitors):
-                monitor.mode, monitor.at_rest = self.modes[number], self.at_rest
-                monitor.statusword = (
+            for number, axis in enumerate(self.axes):
+                feedback = feedback_of(axis)
+                feedback.mode = self.modes[number]
+                feedback.at_rest = self.at_rest
+                feedback.statusword = (
                     STATUSWORDS[self.states[number]][1] | self.bits[number]
                 )
-            self.history.append(self.group.step(self.now))
+            self.group.step(self.now)
+            self.history.append(commands_of(self.group))
             self.underway.append(self.history[-1])
             for number, command in enumerate(self.underway.popleft()):
                 if number not in self.deaf:

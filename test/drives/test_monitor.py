@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from axes import feedback_of, made_axis, silence_of, warning_of
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -14,7 +15,6 @@ from facade_manipulator.canopen.pdo import TPDO1, TPDO2, TPDO3
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.encoder import Encoder
-from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import Mode
 
@@ -24,33 +24,33 @@ ENABLED, LIMITED, LOCAL, IGNORES, FAULTY = 0x1227, 0x1A27, 0x1027, 0x0227, 0x000
 
 
 def made(**details):
-    """Return the supervised monitor of a homed axis."""
-    monitor = AxisMonitor(
+    """Return a supervised axis that is homed."""
+    axis = made_axis(
         'q1', AXIS, SETTINGS, replace(load_profile('simulated'), **details)
     )
-    monitor.begin_supervision(0.0)
-    monitor.encoder.end_homing(True)
-    return monitor
+    axis.begin_supervision(0.0)
+    axis.encoder.end_homing(True)
+    return axis
 
 
-def answer(monitor, cycle, position=0.0, word=ENABLED):
-    """Pass the answer of a drive to a SYNC to the monitor."""
+def answer(axis, cycle, position=0.0, word=ENABLED):
+    """Pass the answer of a drive to a SYNC to its axis."""
     status = TPDO1.codec.pack(
         word, Mode.CYCLIC_SYNCHRONOUS_POSITION, AXIS.to_counts(position)
     )
     for tpdo, data in (TPDO1, status), (TPDO2, bytes(8)):
-        monitor.receive_tpdo(tpdo, data, cycle * T, cycle * T)
+        axis.receive_tpdo(tpdo, data, cycle * T, cycle * T)
 
 
 def test_answer_is_complete_with_every_tpdo_of_sync():
     """Otherwise the following errors of different cycles would be compared."""
-    monitor = made()
-    answer(monitor, 1)
-    monitor.end_cycle(T)
-    monitor.receive_tpdo(TPDO1, bytes(TPDO1.codec.size), 2 * T, 2 * T)
-    assert monitor.answers.newest == T
-    monitor.receive_tpdo(TPDO2, bytes(TPDO2.codec.size), 2 * T, 2 * T)
-    assert monitor.answers.newest == 2 * T
+    axis = made()
+    answer(axis, 1)
+    axis.end_cycle(T)
+    axis.receive_tpdo(TPDO1, bytes(TPDO1.codec.size), 2 * T, 2 * T)
+    assert axis.answers.newest == T
+    axis.receive_tpdo(TPDO2, bytes(TPDO2.codec.size), 2 * T, 2 * T)
+    assert axis.answers.newest == 2 * T
 
 
 @pytest.mark.parametrize(
@@ -65,56 +65,54 @@ def test_answer_is_complete_with_every_tpdo_of_sync():
     ],
 )
 def test_drive_that_reports_disobedience_is_stopped(words, disobedience):
-    monitor = made()
+    axis = made()
     for cycle, word in enumerate(words, 1):
-        answer(monitor, cycle, word=word)
-        monitor.end_cycle(cycle * T)
-    assert disobedience in monitor.disobedience
-    assert bool(disobedience) is bool(monitor.disobedience)
+        answer(axis, cycle, word=word)
+        axis.end_cycle(cycle * T)
+    assert disobedience in feedback_of(axis).disobedience
+    assert bool(disobedience) is bool(feedback_of(axis).disobedience)
 
 
 @pytest.mark.parametrize('step', [0.3, 9.0])
 def test_clock_set_forward_keeps_heartbeats_valid(step):
-    monitor = made()
+    axis = made()
     for number in range(1, 40):
         now = 0.05 * number
-        monitor.receive_heartbeat(
-            Frame(0x701, b'\x05', now - step * (number == 20), now)
-        )
-        assert monitor.silence(now) is None
-    assert monitor.silence(now + 0.2).message == (
+        axis.receive_heartbeat(Frame(0x701, b'\x05', now - step * (number == 20), now))
+        assert silence_of(axis, now) is None
+    assert silence_of(axis, now + 0.2).message == (
         'q1 (node 1) sent no heartbeat for 200 ms, above the limit 150 ms '
         '(controller.heartbeat_timeout)'
     )
 
 
 def test_drive_silent_before_its_supervision_is_reported():
-    monitor = AxisMonitor('q1', AXIS, SETTINGS, load_profile('simulated'))
-    assert not monitor.snapshot(None, 1.0).is_silent
-    monitor.receive_heartbeat(Frame(0x701, b'\x7f', 1.0, 1.0))
-    assert [monitor.snapshot(None, time).is_silent for time in (1.1, 1.2)] == [
+    axis = made_axis('q1', AXIS, SETTINGS, load_profile('simulated'))
+    assert not axis.snapshot(None, 1.0).is_silent
+    axis.receive_heartbeat(Frame(0x701, b'\x7f', 1.0, 1.0))
+    assert [axis.snapshot(None, time).is_silent for time in (1.1, 1.2)] == [
         False,
         True,
     ]
 
 
 def test_carriage_at_rest_has_constant_positions():
-    monitor = made()
+    axis = made()
     for cycle in range(1, 6):  # in the last cycle it no longer moves
-        answer(monitor, cycle, 0.004 * min(cycle, 4) * T)
-        monitor.end_cycle(cycle * T)
-        assert monitor.at_rest is (cycle in (1, 5))
+        answer(axis, cycle, 0.004 * min(cycle, 4) * T)
+        axis.end_cycle(cycle * T)
+        assert feedback_of(axis).at_rest is (cycle in (1, 5))
 
 
 def emergency(code):
     data = code.to_bytes(2, 'little') + bytes(6)
-    return lambda monitor: monitor.receive_emergency(Frame(0x081, data, 1.0, 1.0))
+    return lambda axis: axis.receive_emergency(Frame(0x081, data, 1.0, 1.0))
 
 
 def error_code(word, code):
-    def send(monitor):
-        answer(monitor, 1, word=word)
-        return monitor.receive_tpdo(TPDO3, TPDO3.codec.pack(code, 0, 0), T, T)
+    def send(axis):
+        answer(axis, 1, word=word)
+        return axis.receive_tpdo(TPDO3, TPDO3.codec.pack(code, 0, 0), T, T)
 
     return send
 
@@ -123,7 +121,7 @@ def error_code(word, code):
     ('send', 'message'),
     [
         (
-            lambda monitor: monitor.receive_heartbeat(Frame(0x701, b'\x7f', 1.0, 1.0)),
+            lambda axis: axis.receive_heartbeat(Frame(0x701, b'\x7f', 1.0, 1.0)),
             'is no longer operational (NMT state 127)',
         ),
         (emergency(0), ''),
@@ -133,8 +131,8 @@ def error_code(word, code):
     ],
 )
 def test_heartbeat_or_error_code_of_a_fault_stops(send, message):
-    monitor = made()
-    cause = send(monitor)
+    axis = made()
+    cause = send(axis)
     assert message in cause.message and cause.axis == 'q1' if message else cause is None
 
 
@@ -145,17 +143,17 @@ def test_warning_stops_nothing_until_the_drive_faults():
     Faulhaber's 43F0h (communications manual 7000.05050, table 9) sets 'current' in 1001h, so
     this register does not help. Other makers set only bit 7 of the statusword.
     """
-    monitor = made(errors={0x43F0: Fault('it is warm', 'let it cool', is_warning=True)})
-    assert emergency(0x43F0)(monitor) is None
-    warned = monitor.snapshot(None, T)
+    axis = made(errors={0x43F0: Fault('it is warm', 'let it cool', is_warning=True)})
+    assert emergency(0x43F0)(axis) is None
+    warned = axis.snapshot(None, T)
     assert warned.warning == 'it warns: it is warm (error code 43F0h): let it cool'
     assert warned.error_code == 0
-    assert error_code(FAULTY, 0x43F0)(monitor).message.startswith(
+    assert error_code(FAULTY, 0x43F0)(axis).message.startswith(
         'q1 (node 1): it is warm'
     )
-    emergency(0)(monitor)
-    assert monitor.warning == ''
-    assert emergency(0x4310)(monitor) is not None
+    emergency(0)(axis)
+    assert warning_of(axis) == ''
+    assert emergency(0x4310)(axis) is not None
 
 
 # --- which positions of a drive are believed

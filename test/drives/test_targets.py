@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+from axes import command_all, feedback_of, made_axis, targets_of
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -12,7 +13,6 @@ import pytest
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import AxisCommand, Mode
@@ -52,17 +52,18 @@ class Source:
 
 
 class Drives:
-    """Targets, group and monitors of three drives that are initially switched off."""
+    """Targets, group and axes of three drives that are initially switched off."""
 
     def __init__(self, lag: float = 0.0, axes=DEFAULT_AXES) -> None:
         settings = replace(SETTINGS, drive_lag=lag)
-        self.monitors = tuple(
-            AxisMonitor(name, axis, settings, load_profile(axis.profile))
+        self.axes = tuple(
+            made_axis(name, axis, settings, load_profile(axis.profile))
             for name, axis in zip(AXIS_NAMES, axes, strict=True)
         )
-        for monitor, counts in zip(self.monitors, HERE, strict=True):
-            monitor.counts = counts
-        self.source, self.group = Source(), Group(self.monitors, settings)
+        for axis, counts in zip(self.axes, HERE, strict=True):
+            feedback_of(axis).counts = counts
+        self.source = Source()
+        self.group = Group(self.axes, settings)
         self.targets = TargetSupervisor(
             self.group, settings, MechanismChecks(self.source)
         )
@@ -70,8 +71,12 @@ class Drives:
 
     def choose(self, state: ControllerState, command: AxisCommand = ON) -> None:
         self.group.state, self.group.follows = state, command is ON
-        self.group.commands = (command,) * 3
+        command_all(self.group, command)
         self.targets.choose(0.0)
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        return targets_of(self.targets, self.axes)
 
     def supervise(self) -> str:
         """Return the cause of a stop, or ''."""
@@ -93,31 +98,28 @@ numbers = st.one_of(st.floats(-0.6, 0.6), st.floats())
 def test_steps_to_the_drives_stay_within_the_bound(cycles):
     drives = Drives()
     for state, drives.source.wanted in cycles:
-        before = drives.targets.counts
+        before = drives.counts
         try:
             drives.choose(state, ON if state in FOLLOWING else OFF)
         except ManipulatorError:
-            assert drives.targets.counts == before
+            assert drives.counts == before
             drives.choose(ControllerState.STOPPED, AxisCommand(0x02, ON.mode))
             continue
         if state in FOLLOWING:
             largest = LARGEST_STEP * DEFAULT_AXES[0].counts_per_metre + 1
             assert (
-                max(
-                    abs(a - b)
-                    for a, b in zip(drives.targets.counts, before, strict=True)
-                )
+                max(abs(a - b) for a, b in zip(drives.counts, before, strict=True))
                 <= largest
             )
 
 
 def test_enabled_drives_hold_their_targets_without_following():
     drives = Drives()
-    drives.group.commands = (ON,) * 3
-    for monitor in drives.monitors:
-        monitor.counts = 0
+    command_all(drives.group, ON)
+    for axis in drives.axes:
+        feedback_of(axis).counts = 0
     drives.targets.choose(0.0)
-    assert drives.targets.counts == HERE
+    assert drives.counts == HERE
 
 
 @pytest.mark.parametrize('state', [ControllerState.HOMING, *FOLLOWING])
@@ -147,9 +149,9 @@ def test_following_error_uses_the_latched_target(lag, missed, off, message):
     for cycle in range(30):
         drives.group.state = ACTIVE
         way = 0.3 * T * max(cycle - missed - 1.0 - lag / T, 0.0)
-        for monitor, start, error in zip(drives.monitors, START, off, strict=True):
-            monitor.position = start + way + error * (cycle == 29)
-            monitor.answers.cycles_old = missed
+        for axis, start, error in zip(drives.axes, START, off, strict=True):
+            feedback_of(axis).position = start + way + error * (cycle == 29)
+            axis.answers.cycles_old = missed
         reason = drives.supervise()
         drives.choose(ACTIVE)
     assert message in reason and bool(message) is bool(reason)
@@ -160,6 +162,6 @@ def test_target_is_requested_for_the_arrival_time():
     drives.source.sample = lambda time: asked.append(time) or START
     drives.group.state, drives.group.follows = ACTIVE, True
     clock = SimpleNamespace(smooth_time=100.0, held=0.0)
-    drives.group.commands = (ON,) * 3
+    command_all(drives.group, ON)
     drives.targets.command(clock, 0.0)
     assert asked == pytest.approx([100.0 + 2.0 * T + 0.013])
