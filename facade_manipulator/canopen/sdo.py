@@ -187,6 +187,10 @@ class SdoChannel:
         self._dictionary = read_dictionary(eds, node_id) if eds else ObjectDictionary()
         self._transfer: _Transfer | None = None
 
+    def limit_time(self, deadline: float) -> None:
+        """Send no request after a time on the monotonic clock [s]."""
+        self.deadline = deadline
+
     def receive(self, frame: Frame) -> None:
         """
         Take an answer of the drive.

@@ -153,7 +153,7 @@ class ControlLoop:
         """Serve the node until it closes, ends, or is silent while the drives may have power."""
         self._feed()
         self._channel.send('started', self.controller.snapshot(), self.follower.status)
-        self.controller.observe = self._send_state
+        self.controller.notify(self._send_state)
         try:
             while not self._ends:
                 self._turn()
@@ -169,7 +169,7 @@ class ControlLoop:
         """Wait for frames or messages, and handle them; do the step if it is due."""
         if self._alarm is not None:
             self._alarm.renew(self._clock.monotonic())
-        if self.controller.exchange is None:
+        if self.controller.bus.exchange is None:
             self._channel.wait(IDLE_WAIT)
         else:
             self.controller.wait()

@@ -1,5 +1,5 @@
 """
-Drive controller: it owns the bus, and runs the requests of an operator.
+Drive controller: it owns three axes and their bus, and runs the requests of an operator.
 
 One thread uses it: it waits for frames until the step of a cycle is due, and then does the step.
 A request, one of `REQUESTS`, begins at once; its reply is a message for the operator, or an error
@@ -8,79 +8,131 @@ with one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 import logging
-from math import ceil
-from typing import Any
+from typing import Any, NamedTuple
 
+from facade_manipulator.canopen import emcy
+from facade_manipulator.canopen.bus import CanBus
+from facade_manipulator.canopen.clock import Clock
+from facade_manipulator.canopen.sdo import Steps
 from facade_manipulator.drives import realtime
-from facade_manipulator.drives.controller_settings import STATES_RATE
+from facade_manipulator.drives.axis import Axis, make_axes
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.drive_bus import DriveBus
+from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.outcome import outcome_of
-from facade_manipulator.drives.requests import REQUESTS, Session
-from facade_manipulator.drives.snapshot import (
-    AxisSnapshot,
-    Cause,
-    ControllerSnapshot,
-    ControllerState,
+from facade_manipulator.drives.publication import Publication
+from facade_manipulator.drives.requests import Request, REQUESTS
+from facade_manipulator.drives.snapshot import Cause, ControllerSnapshot, Remedy
+from facade_manipulator.drives.targets import (
+    allow_anything,
+    MechanismChecks,
+    TargetSupervisor,
 )
-from facade_manipulator.drives.targets import allow_anything
 from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
 
-IDLE_PERIOD = 1.0  # s between two states without a bus
-NEXT_STEPS = {
-    ControllerState.UNCONFIGURED: 'configure, home, activate',
-    ControllerState.INACTIVE: 'activate',
-    ControllerState.HALTED: 'clear_faults',
-    ControllerState.ACTIVE: '',
-    ControllerState.CLOSED: '',
-}
 _log = logging.getLogger(__name__)
 
 
-class Operation:
-    """Request of the operator in progress: its generator and its reply."""
+class ForbiddenPower(NamedTuple):
+    """Reason why no drive may have power."""
 
-    def __init__(
-        self, name: str, session: Session, on_reply: Callable[[Any], None]
-    ) -> None:
-        self.name = name
-        self.request = REQUESTS[name]
-        self.steps = self.request.run(session)
-        self.on_reply = on_reply
-        self.is_done = False
+    cause: str = ''  #: ``''`` if the drives may have power
+    remedy: str = ''  #: action of the operator before clear_faults, ``''`` for none
 
 
-class DriveController(Session):
+@dataclass
+class RunningRequest:
+    """Request of the operator in progress, with the function that takes its reply."""
+
+    name: str
+    steps: Steps[Any]
+    on_reply: Callable[[Any], None]
+    is_done: bool = False
+
+    @property
+    def request(self) -> Request:
+        """Return the row of the table of requests."""
+        return REQUESTS[self.name]
+
+    def reply(self, result: Any) -> None:
+        """End the request with a result, or with the error with which it failed."""
+        self.is_done = True
+        self.on_reply(result)
+
+
+class DriveController:
     """
     Controller of three drives on one CAN bus, which one thread uses.
 
-    `request`, `stop` and `forbid_power` act before they return. The owner ends with the request
-    `close`; without it the drives stop because the master's heartbeat is missing.
+    It owns the axes q1, q2, q3 with their group and targets, the bus, and the request in progress.
+    Axes, group and targets are new after each closing of the bus. `request`, `stop` and
+    `forbid_power` act before they return. The owner ends with the request `close`; without it the
+    drives stop because the master's heartbeat is missing. Raises a ParameterError if settings
+    contradict each other or a drive profile is missing.
     """
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def __init__(
+        self,
+        settings: ControllerSettings,
+        axes: tuple[AxisSettings, ...],
+        open_bus: Callable[[], CanBus],
+        mechanism: MechanismChecks,
+        clock: Clock | None = None,
+    ) -> None:
+        longest_stop = max(axis.stop_time for axis in axes)
+        self.settings = replace(  # a step may be to stop
+            settings, step_timeout=settings.step_timeout + longest_stop
+        )
+        emcy.read_faults()  # a first fault must not wait for the table
+        self.clock = clock or Clock()
+        self.bus = DriveBus(open_bus, self.settings, self.clock)
+        self._use(make_axes(axes, self.settings), mechanism)
+        self.forbidden = ForbiddenPower()
+        self.is_closed = False
+        self.running: RunningRequest | None = None
         #: takes each new snapshot; must not wait
         self.observe: Callable[[ControllerSnapshot], None] = allow_anything
-        self._operation: Operation | None = None
-        self._rejected: tuple[str, ...] = ()
-        self._remedy = ''  # of a forbidden power
-        self._every = ceil(
-            self.settings.rate / STATES_RATE
-        )  # cycles from state to state
-        self._priority: int | None = None
+        self._publication = Publication(self.settings)
         self._publish()
+
+    def _use(self, axes: tuple[Axis, ...], mechanism: MechanismChecks) -> None:
+        """Use axes of which nothing is known yet."""
+        self.axes = axes
+        self.group = Group(axes, self.settings)
+        self.targets = TargetSupervisor(self.group, self.settings, mechanism)
+
+    @property
+    def now(self) -> float:
+        """Return the time on the monotonic clock [s]."""
+        return self.clock.monotonic()
+
+    @property
+    def unhomed(self) -> list[str]:
+        """Return the names of the axes that must be homed."""
+        return [axis.name for axis in self.axes if not axis.encoder.homed]
+
+    def snapshot(self) -> ControllerSnapshot:
+        """Return the newest state of controller and axes, renewed up to 100 times a second."""
+        return self._publication.newest
+
+    def notify(self, observe: Callable[[ControllerSnapshot], None]) -> None:
+        """Pass each new snapshot to a function, which must not wait."""
+        self.observe = observe
 
     def request_realtime(self) -> None:
         """Request the scheduling of the settings for this process; log what is missing."""
-        self._rejected = tuple(realtime.request_realtime(self.settings))
-        self._priority = realtime.realtime_priority()
-        missing = self._rejected
-        if not missing and not self._priority:
-            missing = (realtime.NO_PRIORITY,)
+        rejected = realtime.request_realtime(self.settings)
+        priority = realtime.realtime_priority()
+        self._publication.take_scheduling(rejected, priority)
+        missing = [*rejected]
+        if not missing and not priority:
+            missing = [realtime.NO_PRIORITY]
         for line in missing:
             _log.info(line)
         self._publish()
@@ -93,7 +145,8 @@ class DriveController(Session):
 
         `on_reply` takes its result, or the error with which it failed, and must not wait.
         """
-        self._accept(partial(self._begin, Operation(name, self, on_reply)))
+        steps = REQUESTS[name].run(self)
+        self._accept(partial(self._begin, RunningRequest(name, steps, on_reply)))
 
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once; they stay stopped until the faults are cleared."""
@@ -106,21 +159,17 @@ class DriveController(Session):
         The drives stop even if the call with ``''`` follows at once. The remedy is the action of
         the operator before clear_faults, ``''`` for none.
         """
-        self._accept(partial(self._forbid_power, cause, remedy))
+        self._accept(partial(self._forbid_power, ForbiddenPower(cause, remedy)))
 
     def _accept(self, act: Callable[[], None]) -> None:
         """Do an input, and answer a request that it has stopped before the next input."""
 
         def handle() -> None:
             act()
-            if self._operation is not None and self.group.is_stopped:
-                self._resume(self._operation)
+            if self.running is not None and self.group.is_stopped:
+                self._resume(self.running)
 
         self._guard(handle)
-
-    def snapshot(self) -> ControllerSnapshot:
-        """Return the newest state of controller and axes, renewed up to 100 times a second."""
-        return self._snapshot
 
     # --- turns
 
@@ -131,9 +180,10 @@ class DriveController(Session):
 
     def wait(self) -> None:
         """Handle frames until the step of the cycle is due, for 20 ms at most; never raise."""
-        if self.exchange is None:
+        exchange = self.bus.exchange
+        if exchange is None:
             return
-        if not self._guard(self.exchange.wait):
+        if not self._guard(exchange.wait):
             self.clock.sleep(self.settings.period)  # a lasting error takes no CPU
 
     def step(self) -> None:
@@ -146,9 +196,9 @@ class DriveController(Session):
             act()
         except BusError as error:
             self.lose(error)
-            operation = self._operation
-            if operation is not None and operation.request.needs_bus:
-                self._reply(operation, error)
+            running = self.running
+            if running is not None and running.request.needs_bus:
+                self._reply(running, error)
             self._publish()
             return False
         except Exception as error:  # the drives depend on the loop, which must continue
@@ -157,168 +207,167 @@ class DriveController(Session):
         return True
 
     def _step(self) -> None:
-        has_stepped = self.exchange is not None and self.exchange.step()
+        exchange = self.bus.exchange
+        has_stepped = exchange is not None and exchange.step()
         self._cut_forbidden_power()
-        if self._operation is not None:
-            self._resume(self._operation)
-        if self._is_due() or self._present_state() is not self._snapshot.state:
+        if self.running is not None:
+            self._resume(self.running)
+        if self._publication.is_due(self):
             self._publish()
-        cycles = self.exchange.clock.statistics.cycles if self.exchange else 0
-        if has_stepped and self.is_configured and cycles % self.settings.rate == 0:
+        if has_stepped and self.bus.is_configured:
+            self._collect_garbage()
+
+    def _collect_garbage(self) -> None:
+        """Collect garbage once a second, after the commands of a cycle."""
+        exchange = self.bus.exchange
+        cycles = 0 if exchange is None else exchange.clock.statistics.cycles
+        if cycles % self.settings.rate == 0:
             realtime.collect_garbage()
 
-    def _stop_for(self, cause: Cause) -> None:
-        if self.exchange is not None:  # else no drive has power
-            self.exchange.stop_for(cause)
+    def _publish(self) -> None:
+        self.observe(self._publication.renew(self))
 
-    def _forbid_power(self, cause: str, remedy: str) -> None:
-        self.forbidden = cause
-        self._remedy = remedy
-        self._cut_forbidden_power()
+    # --- the running request
 
-    def _cut_forbidden_power(self) -> None:
-        if self.forbidden and (self.group.state.has_power or self.group.is_stopped):
-            self._stop_for(Cause(self.forbidden, cut_power=True, is_requested=True))
-
-    def _begin(self, operation: Operation) -> None:
+    def _begin(self, new: RunningRequest) -> None:
         if self.is_closed:
-            operation.on_reply(DriveStateError('the drive controller is closed'))
+            new.reply(DriveStateError('the drive controller is closed'))
             return
-        running, request = self._operation, operation.request
-        reason = ''
-        is_closing = running is not None and running.name == 'close'
-        may_interrupt = request.interrupts and (
-            not is_closing or operation.name == 'close'
-        )
-        if running is not None and not may_interrupt:
-            reason = f'while {running.name} is under way'
-        elif request.needs_drives not in (None, self.is_configured):
-            reason = (
-                f'while the drives are {"" if self.is_configured else "not "}configured'
-            )
+        reason = self._obstacle(new)
         if reason:
-            self._reply(
-                operation, DriveStateError(f'{operation.name} is not possible {reason}')
-            )
+            error = DriveStateError(f'{new.name} is not possible {reason}')
+            self._reply(new, error)
             return
-        self._resume(operation)
-        if running is not None and (self.is_closed or not operation.is_done):
-            self._reply(running, DriveStateError(f'cancelled by {operation.name}'))
-        if not operation.is_done:
-            self._operation = operation
+        running = self.running
+        self._resume(new)
+        if running is not None and (self.is_closed or not new.is_done):
+            self._reply(running, DriveStateError(f'cancelled by {new.name}'))
+        if not new.is_done:
+            self.running = new
 
-    def _resume(self, operation: Operation) -> None:
+    def _obstacle(self, new: RunningRequest) -> str:
+        """Return why a request is not possible now, ``''`` if it is."""
+        running = self.running
+        if running is not None:
+            may_interrupt = new.request.interrupts
+            if running.name == 'close' and new.name != 'close':
+                may_interrupt = False
+            if not may_interrupt:
+                return f'while {running.name} is under way'
+        is_configured = self.bus.is_configured
+        if new.request.needs_drives not in (None, is_configured):
+            negation = '' if is_configured else 'not '
+            return f'while the drives are {negation}configured'
+        return ''
+
+    def _resume(self, running: RunningRequest) -> None:
         """Resume a request, or start it; reply when it has ended."""
         try:
-            next(operation.steps)
+            next(running.steps)
         except StopIteration as end:
-            self._reply(operation, end.value)
+            self._reply(running, end.value)
         except Exception as error:
-            self._reply(operation, error)
+            self._reply(running, error)
             if not isinstance(error, ManipulatorError):
                 raise
 
-    def _reply(self, operation: Operation, result: Any) -> None:
+    def _reply(self, ended: RunningRequest, result: Any) -> None:
         """Reply to a request with its result or error, and with power and next step."""
-        if self._operation is operation:
-            self._operation = None
-        operation.steps.close()
-        if self._operation is None and not self.is_configured:
+        if self.running is ended:
+            self.running = None
+        ended.steps.close()
+        if self.running is None and not self.bus.is_configured:
             self.close_bus(self.without_power())
         self._publish()
         if isinstance(result, Exception):
             result.args = (self._explained(str(result)),)
         elif isinstance(result, str):
             result = self._explained(result)
-        operation.is_done = True
-        operation.on_reply(result)
+        ended.reply(result)
 
     def _explained(self, message: str) -> str:
         """Return a reply with the present power and next step."""
-        outcome = outcome_of(self._snapshot)
-        power = f'power: {outcome.power}' if self.is_configured else ''
+        outcome = outcome_of(self.snapshot())
+        power = f'power: {outcome.power}' if self.bus.is_configured else ''
         return outcome.with_next_step(message.rstrip('.'), power)
+
+    # --- power
+
+    def _stop_for(self, cause: Cause) -> None:
+        if self.bus.exchange is not None:  # else no drive has power
+            self.bus.exchange.stop_for(cause)
+
+    def _forbid_power(self, forbidden: ForbiddenPower) -> None:
+        self.forbidden = forbidden
+        self._cut_forbidden_power()
+
+    def _cut_forbidden_power(self) -> None:
+        cause = self.forbidden.cause
+        if cause and (self.group.state.has_power or self.group.is_stopped):
+            self._stop_for(Cause(cause, cut_power=True, is_requested=True))
+
+    def require_power_allowed(self, request: str) -> None:
+        """Raise a DriveStateError if power is forbidden, or would stay on without this master."""
+        reason = self.forbidden.cause
+        unstopped = []
+        for axis in self.axes:
+            if not axis.sdo.stops_without_master:
+                unstopped.append(axis.title)
+        if unstopped:
+            reason = (
+                f'{" and ".join(unstopped)} would continue to move if this computer were silent '
+                '(no 1016h, or no reaction such as 6007h): correct the profile'
+            )
+        if reason:
+            raise DriveStateError(f'{request} is not possible: {reason}')
+
+    def without_power(self) -> list[Axis]:
+        """Return the used axes that confirm that they have no power, or have just booted."""
+        exchange = self.bus.exchange
+        if exchange is None or not exchange.transmits:
+            return []
+        if not exchange.has_started:  # nothing has switched them on since their reset
+            return [axis for axis in self.axes if axis.node.boot_ups]
+        return [axis for axis in self.axes if axis.has_confirmed_off(self.now)]
+
+    # --- the end of the bus
+
+    def close_bus(self, without_power: Collection[Axis] = ()) -> None:
+        """
+        Close the bus, and forget all drives.
+
+        Axes without power no longer watch this master, so that none reports its loss.
+        """
+        self.bus.close(self.axes, without_power)
+        renewed = [
+            Axis(axis.name, axis.settings, axis.profile, self.settings)
+            for axis in self.axes
+        ]
+        self._use(tuple(renewed), self.targets.mechanism)
+
+    def lose(self, error: BusError) -> None:
+        """Stop sending, so that the drives stop by themselves; forget their positions."""
+        self.bus.lose(error.problem)
+        for axis in self.axes:  # a drive may restart, and its carriage move, unnoticed
+            axis.encoder.distrust()
+        if self.bus.is_configured:
+            remedy = error.remedy or Remedy.BUS
+            cause = Cause(self.bus.lost, remedy, configure_again=True)
+            self.group.stop(cause, self.now)
+
+    def end(self) -> None:
+        """Accept no further request."""
+        self.is_closed = True
 
     def _recover(self, error: Exception) -> None:
         """Stop the drives for an unexpected error; the loop continues."""
         cause = Cause(
             f'the control loop failed: {type(error).__name__}: {error}', 'report this'
         )
-        if self.exchange is not None:
+        if self.bus.exchange is not None:
             with suppress(BusError):
-                self.exchange.stop_for(cause)
-        if self.is_configured:
+                self.bus.exchange.stop_for(cause)
+        if self.bus.is_configured:
             self.group.stop(cause, self.now)
         # after the stop, because the traceback reads source files
         _log.error('the control loop failed', exc_info=error)
-
-    # --- the snapshot
-
-    def _publish(self) -> None:
-        """Replace the snapshot: at 100 Hz, in each new state and when a request ends."""
-        state = self._present_state()
-        self._published_at = self.now
-        snapshot = ControllerSnapshot(
-            state,
-            None,
-            self._axes(),
-            self.group.causes,
-            self._next_step(state),
-            self._rejected + self.notes,
-            bus_error=self.lost,
-            realtime_priority=self._priority,
-        )
-        if self.exchange is not None:
-            clock = self.exchange.clock
-            snapshot = snapshot._replace(
-                stamp=clock.sync_stamp or None,
-                cycle=replace(clock.statistics),
-                bus=replace(self.exchange.bus.statistics),
-            )
-        self._snapshot = snapshot
-        self.observe(snapshot)
-
-    def _axes(self) -> tuple[AxisSnapshot, ...]:
-        """Return the snapshots of the axes; behind a lost bus all values are old at once."""
-        targets = self.targets.positions or (None,) * 3
-        axes = []
-        for monitor, target in zip(self.monitors, targets, strict=True):
-            axis = monitor.snapshot(target, self.now)
-            axes.append(axis._replace(is_silent=True) if self.lost else axis)
-        return tuple(axes)
-
-    def _is_due(self) -> bool:
-        """Return whether a snapshot is due: at a share of the cycles, or of the time without."""
-        age = self.now - self._published_at
-        if self.exchange is None:
-            return age >= IDLE_PERIOD
-        if not self.exchange.has_started:
-            return age >= 1.0 / STATES_RATE
-        return self.exchange.clock.statistics.cycles % self._every == 0
-
-    def _present_state(self) -> ControllerState:
-        if self.is_closed:
-            return ControllerState.CLOSED
-        is_stopped = self.is_configured and self.group.is_stopped
-        if self._operation is not None and not is_stopped:
-            return self._operation.request.state
-        if self.lost:
-            return ControllerState.BUS_LOST
-        return self.group.state if self.is_configured else ControllerState.UNCONFIGURED
-
-    def _next_step(self, state: ControllerState) -> str:
-        """Return the requests after which the drives follow setpoints, '' if they already do."""
-        cause = self.group.severest_cause
-        if cause is not None and self.group.is_stopped:
-            step = cause.next_step(not self.unhomed)
-            return f'{self._remedy}, {step}' if self._remedy else step
-        requests = NEXT_STEPS.get(
-            state, f'wait until the drives are no longer {state.value}'
-        )
-        is_off = state in (ControllerState.UNCONFIGURED, ControllerState.INACTIVE)
-        if state is ControllerState.INACTIVE and self.unhomed:
-            requests = 'home, activate'
-        if self.forbidden and is_off:
-            requests = f'clear_faults, {requests}'
-            return f'{self._remedy}, then {requests}' if self._remedy else requests
-        return requests

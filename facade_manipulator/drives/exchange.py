@@ -26,11 +26,10 @@ from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.canopen.sdo import is_write
-from facade_manipulator.drives.configuration import Drive
+from facade_manipulator.drives.axis import Axis
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.drives.targets import TargetSupervisor
 from facade_manipulator.errors import BusError
@@ -63,18 +62,13 @@ class CyclicExchange:
         settings: ControllerSettings,
         clock: Clock,
     ) -> None:
-        monitors = group.monitors
+        axes = group.axes
         self._now = clock.monotonic
         self._stamp = clock.time
         self.bus = bus
         self.group = group
         self.has_started = False  #: whether the cycle has started
-        serials = {one.axis.serial_number: one.name for one in monitors}
-        #: the drives with their objects; each answer resumes the steps of its drive
-        self.drives = tuple(
-            Drive(bus, one, settings, clock, serials) for one in monitors
-        )
-        self.clock = CycleClock(settings.period, len(monitors), bus.has_kernel_sync)
+        self.clock = CycleClock(settings.period, len(axes), bus.has_kernel_sync)
         #: whether heartbeats are sent; a bus that was just opened is only listened to
         self.transmits = False
         #: whether a SYNC before the start is accepted, because a drive may send it
@@ -97,25 +91,25 @@ class CyclicExchange:
         ] = {  # this master does not receive its own frames
             cob_id: (0, partial(self._on_other_master, *frame))
             for cob_id, frame in cob_ids.frames_of_masters(
-                one.axis.node_id for one in monitors
+                axis.settings.node_id for axis in axes
             ).items()
         }
         self._routes[cob_ids.SYNC] = 0, self._on_early_sync
-        for monitor, drive in zip(monitors, self.drives, strict=True):
-            node = monitor.axis.node_id
+        for axis in axes:
+            node = axis.settings.node_id
             self._routes |= {
                 cob_ids.EMERGENCY + node: (
                     emcy.ERROR_CODE_LENGTH,
-                    monitor.receive_emergency,
+                    axis.receive_emergency,
                 ),
-                cob_ids.HEARTBEAT + node: (1, partial(self._on_heartbeat, monitor)),
+                cob_ids.HEARTBEAT + node: (1, partial(self._on_heartbeat, axis)),
                 cob_ids.SDO_REQUEST + node: (1, partial(self._on_sdo_request, node)),
-                cob_ids.SDO_RESPONSE + node: (0, drive.receive),
+                cob_ids.SDO_RESPONSE + node: (0, axis.sdo.receive),
             }
-            for tpdo in monitor.tpdos:
+            for tpdo in axis.profile.tpdos:
                 self._routes[tpdo.cob_id(node)] = (
                     tpdo.codec.size,
-                    partial(self._on_tpdo, monitor, tpdo),
+                    partial(self._on_tpdo, axis, tpdo),
                 )
         bus.listen_to(tuple(self._routes))
 
@@ -149,21 +143,17 @@ class CyclicExchange:
         name = f'an SDO {"write" if writes else "request"} to node {node}'
         return self._on_other_master(name, writes, frame)
 
-    def _on_heartbeat(self, monitor: AxisMonitor, frame: Frame) -> Cause | None:
+    def _on_heartbeat(self, axis: Axis, frame: Frame) -> Cause | None:
         """
         Receive a heartbeat; return the cause of a stop, if any.
 
         No quick stop reaches a drive that another master has made pre-operational. The NMT
         command *stop* does, and a drive with power then stops as configured by 6007h.
         """
-        cause = monitor.receive_heartbeat(frame)
-        if self.has_started and monitor.is_unreachable:
-            self._stop_node(monitor)
+        cause = axis.receive_heartbeat(frame)
+        if self.has_started and axis.node.is_unreachable:
+            self.command('STOPPED', axis)
         return cause
-
-    def _stop_node(self, monitor: AxisMonitor) -> None:
-        monitor.expect('STOPPED')
-        self.command('STOPPED', monitor.axis.node_id)
 
     @staticmethod
     def _other_master(name: str) -> BusError:
@@ -177,6 +167,14 @@ class CyclicExchange:
         self.has_received_sync = True
         if not self.accepts_sync:
             self._on_other_master(*_FOREIGN_SYNC, frame)
+
+    def forget_sync(self) -> None:
+        """Forget the SYNC that was received from drives, before configure ended it."""
+        self.has_received_sync = False
+
+    def begin_transmission(self) -> None:
+        """Send heartbeats from now on; a bus that was just opened is only listened to."""
+        self.transmits = True
 
     def expect_sync(self, is_expected: bool) -> None:
         """
@@ -208,10 +206,10 @@ class CyclicExchange:
             self.clock.receive(frame.time, frame.stamp)
         return None
 
-    def _on_tpdo(self, monitor: AxisMonitor, tpdo: Pdo, frame: Frame) -> Cause | None:
-        before = monitor.answers.newest
-        cause = monitor.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time)
-        if monitor.answers.newest != before:
+    def _on_tpdo(self, axis: Axis, tpdo: Pdo, frame: Frame) -> Cause | None:
+        before = axis.answers.newest
+        cause = axis.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time)
+        if axis.answers.newest != before:
             self.clock.answer(self._pumped)
         return cause
 
@@ -231,8 +229,8 @@ class CyclicExchange:
         self._pumped = now
         self.clock.start(now)
         self.group.start(now)
-        for monitor in self.group.monitors:
-            monitor.begin_supervision(now)
+        for axis in self.group.axes:
+            axis.begin_supervision(now)
         self._routes[cob_ids.SYNC] = (
             0,
             partial(self._on_other_master, *_FOREIGN_SYNC),
@@ -273,8 +271,8 @@ class CyclicExchange:
         pause = now - self._pumped
         self._pumped = now
         if pause > EXCUSING_PAUSE * self._settings.heartbeat_timeout:
-            for monitor in self.group.monitors:
-                monitor.excuse_silence(now)
+            for axis in self.group.axes:
+                axis.silence.excuse(now)
         if pause > self._settings.heartbeat_timeout:
             # the drives are not silent, because their frames still wait
             self.stop_for(
@@ -312,12 +310,11 @@ class CyclicExchange:
 
     def _step(self, now: float) -> None:
         in_time = self.clock.finish(now)
-        group, targets = self.group, self._targets
-        # carriages that reverse are at rest for a moment
+        group = self.group
+        targets = self._targets
         may_rest = not group.is_ramping or targets.mechanism.source.at_rest
-        for monitor in group.monitors:
-            monitor.end_cycle(self.clock.sync_time)
-            monitor.at_rest = monitor.at_rest and may_rest
+        for axis in group.axes:
+            axis.end_cycle(self.clock.sync_time, may_rest)
         targets.supervise(now)
         for cause in self._failures():
             group.stop(cause, now)
@@ -330,9 +327,9 @@ class CyclicExchange:
                 self._send_commands()
             else:
                 targets.withdraw()
-        for monitor in group.monitors:
-            if monitor.name in group.not_responding - taken_out:  # despite a quick stop
-                self._stop_node(monitor)
+        for axis in group.axes:
+            if axis.name in group.not_responding - taken_out:  # despite a quick stop
+                self.command('STOPPED', axis)
 
     def _failures(self) -> list[Cause]:
         """Return the causes of a stop by silent drives, and by the cycle unless stopped."""
@@ -354,20 +351,21 @@ class CyclicExchange:
         The age of frames counts until the last frame that was read: others may wait to be read.
         A silent drive may have restarted unnoticed, also while the drives are stopped.
         """
-        silent = {
-            one: cause
-            for one in self.group.monitors
-            if (cause := one.new_silence(self.read_until)) is not None
-        }
-        causes = [*silent.values()]
-        if len(silent) == len(self.group.monitors):
+        silent: list[Axis] = []
+        causes: list[Cause] = []
+        for axis in self.group.axes:
+            cause = axis.silence.new_cause(self.read_until)
+            if cause is not None:
+                silent.append(axis)
+                causes.append(cause)
+        if len(silent) == len(self.group.axes):
             message = f'no drive answers any longer: {causes[0].message}'
             if self.bus.is_virtual:  # simulated drives pause with this process
                 is_new = not self.group.is_stopped
                 return [Cause(message, Remedy.COMPUTER)] if is_new else []
             causes = [Cause(message, Remedy.BUS, configure_again=True)]
-        for monitor in silent:
-            monitor.lose()
+        for axis in silent:
+            axis.lose()
         return causes
 
     # --- sending
@@ -383,16 +381,9 @@ class CyclicExchange:
         self._waits_for_sync = not self.clock.has_time(self._now())
         if self._waits_for_sync:
             return
-        frames = [
-            frame
-            for one, command, counts in zip(
-                self.group.monitors,
-                self.group.commands,
-                self._targets.counts,
-                strict=True,
-            )
-            for frame in one.encode(command, counts)
-        ]
+        frames: list[tuple[int, bytes]] = []
+        for axis in self.group.axes:
+            frames += axis.frames()
         for cob_id, data in frames:  # all are encoded before any is sent
             self._send(cob_id, data)
 
@@ -400,9 +391,10 @@ class CyclicExchange:
         """Send a frame; a queue that is full now may have room in the next cycle."""
         self._try_to_send(partial(self.bus.send, cob_id, data))
 
-    def command(self, name: str, node_id: int) -> None:
-        """Send a network management command to a node, as soon as the send queue has room."""
-        self._waiting_commands.append((name, node_id))
+    def command(self, name: str, axis: Axis) -> None:
+        """Send a network management command to a drive, as soon as the send queue has room."""
+        axis.expect(name)
+        self._waiting_commands.append((name, axis.settings.node_id))
         self._send_waiting_commands()
 
     def _send_waiting_commands(self) -> None:

@@ -4,16 +4,15 @@ Group of the three axes: common power-on, and a common stop after any fault.
 The group executes lists of steps (`plans`); all three drives must have completed a step before any
 drive receives the next. It enables operation only inside `Group.enable` and `Group.home`, which an
 operator asks for, and after a stop it stays stopped until `Group.reset`. It has no clock and no
-bus: time and feedback are arguments, controlwords are the result.
+bus: time is an argument, the feedback of each axis is its input, and the commands are its output.
 """
 
 from __future__ import annotations
 
 from facade_manipulator.drives import plans
-from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.drives.axis import Axis
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.homing import Homing
-from facade_manipulator.drives.monitor import AxisMonitor
+from facade_manipulator.drives.feedback import Feedback
 from facade_manipulator.drives.plans import Plan
 from facade_manipulator.drives.snapshot import Cause, ControllerState
 from facade_manipulator.drives.states import (
@@ -38,8 +37,6 @@ class Group:
     ----------
     state : ControllerState
         One of the eight states of the group.
-    commands : tuple of AxisCommand
-        Present command of each drive.
     follows, is_ramping : bool
         Whether targets are commanded, and whether only until the carriages are at rest.
     is_settled : bool
@@ -48,26 +45,20 @@ class Group:
         Whether the drives have completed an activation and follow targets since.
     causes : tuple of Cause
         Causes of the stop, the first cause first.
-    homing : tuple of Homing
-        Last homing of each axis.
     not_responding : set of str
         Axes that did not respond to a quick stop.
 
     """
 
-    def __init__(
-        self, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings
-    ) -> None:
-        self.monitors = monitors
+    def __init__(self, axes: tuple[Axis, ...], settings: ControllerSettings) -> None:
+        self.axes = axes
         self._settings = settings
         self.causes: tuple[Cause, ...] = ()
         self._cleared: tuple[Cause, ...] = ()  # the causes that the last reset clears
         self.not_responding: set[str] = set()
-        self.homing: tuple[Homing, ...] = ()
         self.is_confirmed = False
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
         self._has_shown_mode = False  # whether all drives have shown the commanded mode
-        self.commands: tuple[AxisCommand, ...] = ()
         self._cycles = 0
         self.start(0.0)
 
@@ -90,6 +81,10 @@ class Group:
     def severest_cause(self) -> Cause | None:
         """Return the cause with a sufficient remedy: one that requires configure, or the first."""
         return min(self.causes, key=lambda one: not one.configure_again, default=None)
+
+    def has_done(self, *states: ControllerState) -> bool:
+        """Return whether all drives have reached one of these states of the group."""
+        return self.state in states and self.is_settled
 
     # --- requests
 
@@ -120,15 +115,8 @@ class Group:
         Raises a DriveStateError unless all drives are switched off.
         """
         self._require('home', self.state is ControllerState.INACTIVE, is_settled=True)
-        self.homing = tuple(
-            Homing(
-                one.name,
-                one.axis,
-                self._settings.period,
-                needs_bit_10=not one.profile.quirks.homes_without_bit_10,
-            )
-            for one in self.monitors
-        )
+        for axis in self.axes:
+            axis.begin_homing(self._settings.period)
         self._begin(plans.HOME, now)
 
     def disable(self, now: float) -> None:
@@ -177,7 +165,8 @@ class Group:
 
     def stop(self, cause: Cause, now: float) -> None:
         """Quick stop all axes and stay stopped; the first cause is kept, later ones are added."""
-        first, further = self.causes[:1], self.causes[1:]
+        first = self.causes[:1]
+        further = self.causes[1:]
         if any(
             one.is_vague
             and not cause.is_vague
@@ -200,9 +189,9 @@ class Group:
 
     # --- the cycle
 
-    def step(self, now: float) -> tuple[AxisCommand, ...]:
+    def step(self, now: float) -> None:
         """
-        Return the commands for the newest status of the drives at a time [s].
+        Command the drives by their newest feedback at a time [s].
 
         A drive in fault, in an unexpected state or late stops all three in this step. No behaviour
         of a drive raises an error.
@@ -219,81 +208,95 @@ class Group:
                 self.causes = ()
                 self.not_responding.clear()
         if self.state is ControllerState.HOMING:
-            due = self._due_rank()
-            self.commands = tuple(
-                AxisCommand(
-                    Controlword.ENABLE_OPERATION
-                    | (
-                        Controlword.HOMING_START
-                        if one.rank == due and not one.is_homed
-                        else 0
-                    ),
-                    self._mode,
-                )
-                for one in self.homing
-            )
-        return self.commands
+            self._command_homing()
+
+    def _command_homing(self) -> None:
+        """Start the homing of the axes whose rank is due."""
+        due = self._due_rank()
+        for axis in self.axes:
+            controlword = int(Controlword.ENABLE_OPERATION)
+            homing = axis.homing
+            if homing is not None and homing.rank == due and not homing.is_homed:
+                controlword |= Controlword.HOMING_START
+            axis.output.take(AxisCommand(controlword, self._mode))
 
     def _due_rank(self) -> int:
         """Return the rank that homes now, the lowest with an axis not homed; 0 for none."""
         if self.state is not ControllerState.HOMING:
             return 0
-        return min((one.rank for one in self.homing if not one.is_homed), default=0)
+        ranks = []
+        for axis in self.axes:
+            if axis.homing is not None and not axis.homing.is_homed:
+                ranks.append(axis.homing.rank)
+        return min(ranks, default=0)
 
     def _supervise(self, now: float) -> None:
         """Advance when all drives have completed the present step; stop if a drive fails."""
-        failures, is_done, due = dict[str, str](), True, self._due_rank()
-        for number, one in enumerate(self.monitors):
-            failure, has_done = self._evaluate(one, now)
+        failures: dict[str, str] = {}
+        is_done = True
+        due = self._due_rank()
+        for axis in self.axes:
+            failure, has_done = self._evaluate(axis, now)
             is_done = is_done and has_done
-            if self.homing:
-                homing = self.homing[number]
-                if homing.rank != due:
-                    homing.watch(one.statusword)
-                elif not homing.is_homed:
-                    failure = homing.advance(one.statusword, one.counts) or failure
+            failure = self._advance_homing(axis, due) or failure
             if failure:
-                failures[one.name] = failure
+                failures[axis.name] = failure
         self.is_settled = is_done and not failures
         if failures and self.state is ControllerState.CLEARING:
             self.causes += tuple(one for one in self._cleared if one.axis in failures)
         for name, failure in failures.items():
             self._fail(name, failure, now)
 
-    def _evaluate(self, one: AxisMonitor, now: float) -> tuple[str, bool]:
+    @staticmethod
+    def _advance_homing(axis: Axis, due: int) -> str:
+        """Advance the homing of an axis if its rank is due; return its failure, or ``''``."""
+        homing = axis.homing
+        if homing is None:
+            return ''
+        feedback = axis.feedback
+        if homing.rank != due:
+            homing.watch(feedback.statusword)
+        elif not homing.is_homed:
+            return homing.advance(feedback.statusword, feedback.counts)
+        return ''
+
+    def _evaluate(self, axis: Axis, now: float) -> tuple[str, bool]:
         """Return the failure of a drive, ``''`` for none, and whether it has done the step."""
-        step, state = self._plan[0], decode_state(one.statusword)
-        has_mode = step.mode is None or one.mode in (None, step.mode)
-        failure = self._disobedience(one, has_mode)
+        step = self._plan[0]
+        drive = axis.feedback
+        state = decode_state(drive.statusword)
+        has_mode = step.mode is None or drive.mode in (None, step.mode)
+        failure = self._disobedience(drive, has_mode)
         has_arrived = (
-            state in step.goal and has_mode and (one.at_rest or not step.to_rest)
+            state in step.goal and has_mode and (drive.at_rest or not step.to_rest)
         )
         may_stay = state in step.goal or state in step.via
         if may_stay and not failure and (has_arrived or now <= self._deadline):
             return '', has_arrived and self._cycles >= step.min_cycles
-        found = [f'in {describe_state(one.statusword)}']
+        found = [f'in {describe_state(drive.statusword)}']
         if state in plans.FAULT_STATES:
-            found.append(one.error or 'the drive sent no error code')
+            found.append(axis.errors.message or 'the drive sent no error code')
         if not has_mode:
-            found.append(f'in mode {one.mode} instead of {step.mode}')
-        if not one.at_rest:
+            found.append(f'in mode {drive.mode} instead of {step.mode}')
+        if not drive.at_rest:
             found.append('still moving')
-        if missed := one.answers.missed_in_a_row:
+        missed = axis.answers.missed_in_a_row
+        if missed:
             found.append(f'by its last answer, {missed} cycles ago')
         return (
-            f'{one.name} {failure or f"did not {step.purpose}"}: '
+            f'{axis.name} {failure or f"did not {step.purpose}"}: '
             f'it is {", ".join(found)}'
         ), False
 
-    def _disobedience(self, one: AxisMonitor, has_mode: bool) -> str:
+    def _disobedience(self, drive: Feedback, has_mode: bool) -> str:
         """Return why an enabled drive fails before the time of the step ends, ``''`` if not."""
-        if self.follows and one.statusword & Status.FOLLOWING_ERROR:
+        if self.follows and drive.statusword & Status.FOLLOWING_ERROR:
             return 'is farther behind its target than the following-error window, bit 13 is 1'
-        is_enabled = decode_state(one.statusword) is State.OPERATION_ENABLED
+        is_enabled = decode_state(drive.statusword) is State.OPERATION_ENABLED
         if self._has_shown_mode and is_enabled and not has_mode:
             return 'has left its mode of operation'
         is_following = self.follows and self.state is not ControllerState.ACTIVATING
-        return one.disobedience if is_following else ''
+        return drive.disobedience if is_following else ''
 
     def _fail(self, name: str, failure: str, now: float) -> None:
         if self.state is not ControllerState.STOPPED:
@@ -324,15 +327,19 @@ class Group:
             )
 
     def _begin(self, plan: Plan, now: float) -> None:
-        self._plan, step = plan, plan[0]
-        self.state, self.follows = step.state, step.follows
+        step = plan[0]
+        self._plan = plan
+        self.state = step.state
+        self.follows = step.follows
         self.is_ramping = step.follows and step.to_rest
         self.is_settled = False
         self.is_confirmed = self.is_confirmed and step.follows
         if step.mode is None or step.mode != self._mode:
             self._has_shown_mode = False
         self._mode = self._mode if step.mode is None else step.mode
-        self.commands = (AxisCommand(step.controlword, self._mode),) * len(AXIS_NAMES)
+        command = AxisCommand(step.controlword, self._mode)
+        for axis in self.axes:
+            axis.output.take(command)
         self._cycles = 0
         self._deadline = now + (
             self._settings.ramp_timeout

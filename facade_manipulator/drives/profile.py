@@ -100,6 +100,11 @@ class DriveProfile:
     #: the maker's own meanings of error codes (603Fh, emergency messages)
     errors: Mapping[int, Fault] = field(default_factory=dict)
 
+    @property
+    def tpdos(self) -> tuple[Pdo, ...]:
+        """Return the process data that the drive sends."""
+        return tuple(one for one in self.pdos if one.is_transmitted)
+
     def location(self, quantity: str) -> tuple[int, int] | None:
         """Return index and subindex of the object for a quantity, None for no object."""
         return next((item[:2] for item in self.objects if item.value == quantity), None)

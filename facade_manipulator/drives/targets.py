@@ -14,13 +14,12 @@ from dataclasses import dataclass
 from math import ceil
 from typing import Any
 
+from facade_manipulator.drives.axis import positions_of
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, Triple
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.monitor import positions_of
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
-from facade_manipulator.drives.states import Controlword, Mode
 from facade_manipulator.errors import ManipulatorError, SetpointLimitError
 
 ROUNDING = 1e-9  # m
@@ -54,15 +53,14 @@ class TargetSupervisor:
         self, group: Group, settings: ControllerSettings, mechanism: MechanismChecks
     ) -> None:
         self.mechanism = mechanism
-        #: the targets last chosen
-        self.counts: tuple[int, ...] = (0,) * len(group.monitors)
-        #: the same [m] while the drives follow, else None
+        #: the targets last chosen [m] while the drives follow, else None
         self.positions: Triple | None = None
         self._group = group
+        self._axes = group.axes
         self._largest_step = (
             STEP_MARGIN
             * settings.period
-            * min(one.axis.max_speed for one in group.monitors)
+            * min(axis.settings.max_speed for axis in group.axes)
         )
         # a target that is sent now is latched at the next SYNC and reached one period later
         self._lead = 2.0 * settings.period + settings.drive_lag
@@ -82,11 +80,9 @@ class TargetSupervisor:
         if not is_homing and not group.follows:
             return
         try:
-            actual = positions_of(group.monitors)
+            actual = positions_of(self._axes)
             if is_homing:
-                self.mechanism.check_homing(
-                    actual, tuple([one.is_homed for one in group.homing])
-                )
+                self.mechanism.check_homing(actual, self._homed())
             else:
                 self.mechanism.check_actual(actual)
         except ManipulatorError as error:
@@ -107,34 +103,42 @@ class TargetSupervisor:
             for cause in self._lags(actual):
                 group.stop(cause, now)
 
+    def _homed(self) -> tuple[bool, ...]:
+        """Return which axes are homed by the homing in progress."""
+        homed = []
+        for axis in self._axes:
+            homed.append(axis.homing is not None and axis.homing.is_homed)
+        return tuple(homed)
+
     def _lags(self, actual: Triple) -> Iterator[Cause]:
         """
         Yield a cause if a carriage lags behind its targets, or if the lags of two differ.
 
         The following error of the drive (60F4h) is insufficient: without RPDOs it stays near 0.
         """
-        errors, monitors = list[float](), self._group.monitors
-        for number, one in enumerate(monitors):
+        errors: list[float] = []
+        for number, axis in enumerate(self._axes):
             # the commanded position at the SYNC that the drive has answered
-            whole, share = divmod(self._age + one.answers.cycles_old, 1.0)
+            whole, share = divmod(self._age + axis.answers.cycles_old, 1.0)
             newest = -1 - int(whole)
-            before, after = (
-                self._latched[newest - 1][number],
-                self._latched[newest][number],
-            )
-            errors.append(after + share * (before - after) - actual[number])
-            window = one.axis.following_error_window
-            if abs(errors[-1]) > window:
+            after = self._latched[newest][number]
+            before = self._latched[newest - 1][number]
+            error = after + share * (before - after) - actual[number]
+            errors.append(error)
+            window = axis.settings.following_error_window
+            if abs(error) > window:
                 yield Cause(
-                    f'{one.title} is {errors[-1]:.4g} m behind its targets by its positions, '
+                    f'{axis.title} is {error:.4g} m behind its targets by its positions, '
                     f'above the limit {window:g} m (following_error_window)',
                     Remedy.TRACKING,
-                    one.name,
+                    axis.name,
                 )
+
         difference = max(errors) - min(errors)
-        window = min(one.axis.following_error_window for one in monitors)
+        window = min(axis.settings.following_error_window for axis in self._axes)
         if difference > window:
-            first, second = sorted(map(errors.index, (min(errors), max(errors))))
+            ends = (errors.index(min(errors)), errors.index(max(errors)))
+            first, second = sorted(ends)
             yield Cause(
                 f'the following errors of {AXIS_NAMES[first]} and {AXIS_NAMES[second]} differ by '
                 f'{difference:.4g} m, above the limit {window:g} m '
@@ -168,11 +172,14 @@ class TargetSupervisor:
 
         The drives hold these targets. The next choice starts from them.
         """
-        self.counts, self.positions, self._state = self._remembered
+        counts, self.positions, self._state = self._remembered
+        for axis, target in zip(self._axes, counts, strict=True):
+            axis.output.aim_at(target)
         self.mechanism.source.withdraw()
 
     def _remember(self) -> None:
-        self._remembered = self.counts, self.positions, self._state
+        counts = [axis.output.target for axis in self._axes]
+        self._remembered = counts, self.positions, self._state
 
     def choose(self, reach_time: float) -> None:
         """
@@ -204,10 +211,9 @@ class TargetSupervisor:
     def _follow_carriages(self) -> None:
         """Let the targets be the present positions, except of drives that hold with power."""
         self.positions = None
-        controlword, mode = self._group.commands[0]
-        is_enabled = controlword & 0x0F == Controlword.ENABLE_OPERATION
-        if not (is_enabled and mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
-            self.counts = tuple([one.counts for one in self._group.monitors])
+        for axis in self._axes:
+            if not axis.output.holds_target:
+                axis.output.aim_at(axis.feedback.counts)
 
     def _begin_at_targets(self) -> Triple:
         """
@@ -216,8 +222,7 @@ class TargetSupervisor:
         From now on the following error shows a carriage that has moved since power-on.
         """
         q1, q2, q3 = [
-            one.axis.to_metres(counts)
-            for one, counts in zip(self._group.monitors, self.counts, strict=True)
+            axis.settings.to_metres(axis.output.target) for axis in self._axes
         ]
         held = (q1, q2, q3)
         self.positions = held
@@ -239,10 +244,6 @@ class TargetSupervisor:
                     'above',
                 )
         # the limits of each stroke fit into the 32 bits of its drive: configure writes them
-        self.counts = tuple(
-            [
-                one.axis.to_counts(target)
-                for one, target in zip(self._group.monitors, targets, strict=True)
-            ]
-        )
+        for axis, target in zip(self._axes, targets, strict=True):
+            axis.output.aim_at(axis.settings.to_counts(target))
         self.positions = targets

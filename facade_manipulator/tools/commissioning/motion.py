@@ -117,8 +117,9 @@ class Motion:
     @property
     def sync_time(self) -> float:
         """Return the time of the SYNC whose positions `turn` has returned [s]."""
-        assert self.controller.exchange is not None  # the bus is open with power on
-        return self.controller.exchange.clock.sync_time
+        exchange = self.controller.bus.exchange
+        assert exchange is not None  # the bus is open with power on
+        return exchange.clock.sync_time
 
     def request(self, *names: str) -> str:
         """Send a request to the controller; return its message, or raise its error."""

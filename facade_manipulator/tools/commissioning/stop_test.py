@@ -99,7 +99,7 @@ def run_stop_test(context: Context) -> None:
             )
             print(f'{shown}, deceleration {measured}')
             if way == QUICK_STOP:
-                problems += _weakness(name, measured, axis.stop_deceleration)
+                problems += _weakness(name, measured, axis.settings.stop_deceleration)
             else:
                 # `stopping` subtracts SCATTER, so that it assumes at most the least value
                 highest = measured.least / (1.0 - SCATTER)
@@ -163,17 +163,16 @@ def _are_at_rest(positions: list[list[float]]) -> bool:
 
 def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
     """Execute a kind of stop; return the drives before the first command after the stop."""
-    exchange, controller = motion.controller.exchange, motion.controller
+    controller = motion.controller
+    exchange = controller.bus.exchange
     assert exchange is not None  # the bus is open while the drives have power
     motion.is_stopping = True
     if way == QUICK_STOP:
         motion.controller.stop('stop test')
     elif way == POWER_OFF:
         off = AxisCommand(Controlword.DISABLE_VOLTAGE, Mode.CYCLIC_SYNCHRONOUS_POSITION)
-        for monitor, counts in zip(
-            controller.monitors, controller.targets.counts, strict=True
-        ):
-            for cob_id, data in monitor.encode(off, counts):
+        for axis in controller.axes:
+            for cob_id, data in axis.output.frames(off):
                 exchange.bus.send(
                     cob_id, data
                 )  # the last command before the SYNC counts
@@ -192,7 +191,9 @@ def _bounds(motion: Motion, track: Track, way: str) -> np.ndarray:
     delay = settings.drive_lag + _CYCLES * motion.period + silence
     assumed = np.array(
         [
-            (1.0 - SCATTER) * COASTING if way == POWER_OFF else axis.stop_deceleration
+            (1.0 - SCATTER) * COASTING
+            if way == POWER_OFF
+            else axis.settings.stop_deceleration
             for axis in controller.axes
         ]
     )

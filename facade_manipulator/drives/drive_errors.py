@@ -1,0 +1,72 @@
+"""Errors and warnings that one drive reports by emergency messages, or only by 603Fh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from facade_manipulator.canopen.bus import Frame
+from facade_manipulator.canopen.emcy import error_code, Fault, fault, is_error_reset
+from facade_manipulator.drives.encoder import Encoder
+from facade_manipulator.drives.snapshot import Cause
+
+
+class DriveErrors:
+    """
+    Last error and warning of one drive.
+
+    An error after which the position is wrong also distrusts the encoder. `meanings` are the
+    maker's own meanings of error codes.
+    """
+
+    def __init__(
+        self, name: str, title: str, meanings: Mapping[int, Fault], encoder: Encoder
+    ) -> None:
+        self._name = name
+        self._title = title
+        self._meanings = meanings
+        self._encoder = encoder
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the errors and warnings of the drive."""
+        #: the last error code; 0 for none, or after the drive has reset it
+        self.code = 0
+        self.message = ''  #: the same as a message
+        #: the warning of the drive and its remedy, ``''`` for none
+        self.warning = ''
+
+    def receive_emergency(self, frame: Frame) -> Cause | None:
+        """
+        Receive an emergency message; return the cause of a stop, None for a warning or a reset.
+
+        A drive that faults in spite of a code that its maker calls a warning shows the fault in
+        its statusword.
+        """
+        code = error_code(frame.data)
+        if is_error_reset(code):
+            self.forget()
+            return None
+        meaning = fault(code, self._meanings)
+        if meaning.is_warning:
+            self.warning = f'it warns: {meaning.message}: {meaning.remedy}'
+            return None
+        return self._receive(code)
+
+    def receive_code(self, code: int) -> Cause | None:
+        """Receive the error code 603Fh of a drive in fault; return the cause of a stop if new."""
+        if code == self.code or is_error_reset(code):
+            return None
+        return self._receive(code)
+
+    def _receive(self, code: int) -> Cause:
+        meaning = fault(code, self._meanings)
+        self.code = code
+        self.message = meaning.message
+        if meaning.loses_position:
+            self._encoder.distrust()
+        return Cause(
+            f'{self._title}: {self.message}',
+            meaning.remedy,
+            self._name,
+            cut_power=meaning.loses_position,
+        )

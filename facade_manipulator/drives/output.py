@@ -1,0 +1,71 @@
+"""Output to one drive: its command and target, and the RPDOs with both."""
+
+from __future__ import annotations
+
+from facade_manipulator.canopen import indices
+from facade_manipulator.drives.profile import DriveProfile
+from facade_manipulator.drives.states import AxisCommand, Controlword, Mode
+
+
+class Output:
+    """
+    Command and target of one drive.
+
+    The group takes a command and the supervision of targets aims at a target once per cycle. Then
+    the exchange sends the frames.
+    """
+
+    def __init__(self, node_id: int, profile: DriveProfile) -> None:
+        self.command = AxisCommand(
+            Controlword.DISABLE_VOLTAGE, Mode.CYCLIC_SYNCHRONOUS_POSITION
+        )
+        self.target = 0  #: [counts]
+        self._rpdos = [
+            (one.cob_id(node_id), one.codec.pack, one.indices)
+            for one in profile.pdos
+            if not one.is_transmitted
+        ]
+        self._cyclic_bit_4 = profile.quirks.cyclic_bit_4
+        # bit 4 of the last controlword, where the drive needs its change
+        self._toggled_bit = 0
+
+    def take(self, command: AxisCommand) -> None:
+        """Take the command of a cycle."""
+        self.command = command
+
+    def aim_at(self, counts: int) -> None:
+        """Take the target of a cycle [counts]."""
+        self.target = counts
+
+    @property
+    def holds_target(self) -> bool:
+        """Return whether the drive holds its target with power."""
+        return _holds_target(self.command)
+
+    def frames(self, command: AxisCommand) -> list[tuple[int, bytes]]:
+        """Return COB-ID and data of the RPDOs with a command and the present target."""
+        values = {
+            indices.CONTROLWORD: command.controlword | self._bit_4(command),
+            indices.MODE_OF_OPERATION: command.mode,
+            indices.TARGET_POSITION: self.target,
+        }
+        return [
+            (cob_id, pack(*[values[index] for index in mapped]))
+            for cob_id, pack, mapped in self._rpdos
+        ]
+
+    def _bit_4(self, command: AxisCommand) -> int:
+        """Return bit 4 of the controlword for a drive that needs it to take each target."""
+        if self._cyclic_bit_4 == 'clear' or not _holds_target(command):
+            return 0
+        if self._cyclic_bit_4 == 'toggled':
+            self._toggled_bit ^= Controlword.NEW_TARGET
+            return self._toggled_bit
+        return Controlword.NEW_TARGET
+
+
+def _holds_target(command: AxisCommand) -> bool:
+    """Return whether a drive with a command holds its target with power."""
+    is_cyclic = command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION
+    is_enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
+    return is_cyclic and is_enabled

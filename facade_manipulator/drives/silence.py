@@ -1,0 +1,104 @@
+"""Silence of one drive: answers to SYNC or heartbeats that are missing for too long."""
+
+from __future__ import annotations
+
+from math import inf
+
+from facade_manipulator.drives.answers import Answers
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.node_monitor import NodeMonitor
+from facade_manipulator.drives.snapshot import Cause, Remedy
+
+
+class Silence:
+    """
+    Supervision of one drive by its answers and heartbeats.
+
+    The exchange asks for the cause of a stop in each cycle, after `begin`. Times are on the
+    monotonic clock [s].
+    """
+
+    def __init__(
+        self,
+        name: str,
+        title: str,
+        answers: Answers,
+        node: NodeMonitor,
+        settings: ControllerSettings,
+    ) -> None:
+        #: whether the drive was silent, so that it may have restarted unnoticed
+        self.is_lost = False
+        self._name = name
+        self._title = title
+        self._answers = answers
+        self._node = node
+        self._settings = settings
+        self._since = -inf  # when silence begins to count
+        # whether missing answers are excused until the next answer
+        self._may_miss = False
+
+    def begin(self, now: float) -> None:
+        """Treat silence as a fault after a time [s]."""
+        self._since = now
+        self.is_lost = False
+
+    def excuse(self, now: float) -> None:
+        """
+        Excuse silence and missing answers before a time [s].
+
+        The frames were not read, or were dropped from a full queue.
+        """
+        self._since = now
+
+    def excuse_answers(self) -> None:
+        """Excuse missing answers until the next answer: the NMT state is about to change."""
+        self._may_miss = True
+
+    def lose(self) -> None:
+        """Record that the drive was silent, after which no further silence is new."""
+        self.is_lost = True
+
+    def cause(self, now: float) -> Cause | None:
+        """Return the cause of a stop if answers or heartbeats are missing at a time [s]."""
+        missed = self._answers.missed_in_a_row
+        most_missed = self._settings.max_missed_cycles
+        age = self._heartbeat_age(now)
+        timeout = self._settings.heartbeat_timeout
+        if missed >= most_missed:
+            failure = (
+                f'did not answer {missed} cycles in a row, '
+                f'the limit is {most_missed} (controller.max_missed_cycles)'
+            )
+        elif age > timeout:
+            failure = (
+                f'sent no heartbeat for {1e3 * age:.0f} ms, '
+                f'above the limit {1e3 * timeout:.0f} ms (controller.heartbeat_timeout)'
+            )
+        else:
+            return None
+        return Cause(
+            f'{self._title} {failure}',
+            Remedy.CONFIGURE,
+            self._name,
+            configure_again=True,
+            is_vague=True,
+        )
+
+    def new_cause(self, now: float) -> Cause | None:
+        """
+        Return the cause of a stop if the drive is silent at a time [s], None if it is lost.
+
+        A drive in an NMT state other than operational answers no SYNC.
+        """
+        if not self._answers.missed_in_a_row:
+            self._may_miss = False
+        may_miss = self._may_miss or self._node.commanded != 'OPERATIONAL'
+        if now < self._since and not may_miss:
+            self._answers.excuse()
+        has_heartbeat = self._heartbeat_age(now) <= self._settings.heartbeat_timeout
+        if self.is_lost or (may_miss and has_heartbeat):
+            return None
+        return self.cause(now)
+
+    def _heartbeat_age(self, now: float) -> float:
+        return now - max(self._node.heartbeat_time or 0.0, self._since)

@@ -1,0 +1,81 @@
+"""Steps of requests that wait: for the group, for each drive, or for the SDO of all drives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from facade_manipulator.canopen.sdo import Result, Steps
+from facade_manipulator.drives.axis import Axis
+from facade_manipulator.drives.sdo_access import DriveSteps, SdoAccess
+from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.errors import DriveError, joined
+
+if TYPE_CHECKING:
+    from facade_manipulator.drives.controller import DriveController
+
+TURN_TIMEOUT = (
+    25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
+)
+
+
+def until(controller: DriveController, *states: ControllerState) -> Steps[None]:
+    """
+    Wait until all drives have reached one of the states of the group.
+
+    Raises a DriveError with the cause if the drives are stopped before that.
+    """
+    group = controller.group
+    while not group.has_done(*states):
+        yield
+        if group.is_stopped:
+            raise DriveError(group.reason)
+
+
+def until_all(
+    controller: DriveController,
+    condition: Callable[[Axis], bool],
+    timeout: float,
+    failure: str,
+) -> Steps[None]:
+    """Wait until a condition holds for all axes; a DriveError names the others."""
+    end = controller.now + timeout
+    while True:
+        missing = [axis.title for axis in controller.axes if not condition(axis)]
+        if not missing:
+            return
+        if controller.now > end:
+            drives = ' and '.join(missing)
+            raise DriveError(f'{drives} {failure} (waited {timeout:g} s)')
+        yield
+
+
+def each(
+    controller: DriveController,
+    work: Callable[[SdoAccess], Steps[Result]],
+    timeout: float | None = None,
+) -> Steps[list[Result]]:
+    """
+    Do the steps of each drive, all drives at the same time; return the results.
+
+    Raises a DriveError that names the failures of all drives.
+    """
+    drives = [axis.sdo for axis in controller.axes]
+    deadline = controller.now + (timeout or TURN_TIMEOUT)
+    try:
+        running = [drive.begin(work(drive), deadline) for drive in drives]
+        while not all(one.is_done for one in running):
+            yield
+            for drive in drives:
+                drive.resume()
+    finally:  # a cancelled request sends nothing more
+        for drive in drives:
+            drive.end()
+    return _results(running)
+
+
+def _results(ended: Sequence[DriveSteps]) -> list[Result]:
+    errors = [one.error for one in ended if isinstance(one.error, DriveError)]
+    if len(errors) > 1:
+        raise DriveError(joined(*map(str, errors))) from errors[0]
+    return [one.result() for one in ended]  # raises the only error
