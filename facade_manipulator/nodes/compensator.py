@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from time import monotonic
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -23,11 +23,12 @@ from facade_manipulator.compensation import report
 from facade_manipulator.compensation.compensator import (
     Compensator,
     CompensatorSettings,
+    CorrectedPose,
     DEFAULTS,
 )
 from facade_manipulator.compensation.goal import ArrivalSettings, Goal, GoalTracker
 from facade_manipulator.errors import InputError, ManipulatorError
-from facade_manipulator.kinematics import Geometry
+from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.planar import millimetres
 from facade_manipulator.nodes import command_gate, conversions, messages
 from facade_manipulator.nodes.base_node import BaseNode
@@ -51,6 +52,9 @@ from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
 from facade_manipulator.nodes.settings import RateSettings
 
+if TYPE_CHECKING:
+    from facade_manipulator.nodes.ik_service import IkServiceNode
+
 
 def stamp_of(goal: PoseStamped) -> str:
     """Return the stamp of a goal as text; a goal without a stamp has the present time."""
@@ -59,11 +63,19 @@ def stamp_of(goal: PoseStamped) -> str:
 
 
 class CompensatorNode(BaseNode):
-    """Compensator node, which keeps the head at its place on the wall while the gondola moves."""
+    """
+    Compensator node, which keeps the head at its place on the wall while the gondola moves.
+
+    Parameters
+    ----------
+    connects_later : bool
+        Whether the caller calls `connect`, because an ik_service may run in this process.
+
+    """
 
     wants_priority = True
 
-    def __init__(self, **kwargs: Any) -> None:
+    def __init__(self, connects_later: bool = False, **kwargs: Any) -> None:
         super().__init__('compensator', **kwargs)
         geometry = declare(self, Geometry, 'geometry')
         rate = declare(self, RateSettings).rate
@@ -85,7 +97,9 @@ class CompensatorNode(BaseNode):
 
         self.diagnostics = Diagnostics(self, self._components)
         self._frames = messages.Frames.of(self.get_namespace())
-        self.corrected_poses = self.create_publisher(*topics.CORRECTED_POSE)
+        self._corrected_poses = self.create_publisher(*topics.CORRECTED_POSE)
+        # receives each corrected pose, in an ik_service of this process
+        self._follow: Callable[[float, Pose], None] | None = None
         self._message = PoseStamped()  # of each corrected pose
         self._references = self.create_publisher(*topics.REFERENCE)
         self._transform = conversions.FacadeTransform(self)
@@ -115,17 +129,16 @@ class CompensatorNode(BaseNode):
             self._receive_status,
             lambda *_: self._gate.receive_invalid(),
         )
-        facade, rail, end_effector = self._frames[1:]
+        facade = self._frames.facade
         for topic in (topics.DISTURBANCE, topics.DISTURBANCE_ODOMETRY):
             self.inputs.subscribe(
                 topic, self._add_estimate, self._reject_estimate, facade
             )
-        for topic, callback, frame_id in (
-            (topics.END_EFFECTOR_POSE, self._receive_head, rail),
-            (topics.CONTACT_WRENCH, self._receive_wrench, end_effector),
-            (topics.LATERAL_OFFSET, self._receive_lateral_offset, end_effector),
+        for topic, callback in (
+            (topics.CONTACT_WRENCH, self._receive_wrench),
+            (topics.LATERAL_OFFSET, self._receive_lateral_offset),
         ):
-            self.inputs.subscribe(topic, callback, frame_id=frame_id)
+            self.inputs.subscribe(topic, callback, frame_id=self._frames.end_effector)
         self.inputs.subscribe(
             topics.GOAL_POSE, self._receive_goal, self._reject_goal, facade
         )
@@ -134,6 +147,33 @@ class CompensatorNode(BaseNode):
         self.create_service(*topics.HOLD, partial(self._answer, self._hold))
         steady_timer(self, 1.0 / rate, self._update)
         steady_timer(self, command_gate.PERIOD, self._report_change)
+        if not connects_later:
+            self.connect(None)
+
+    def connect(self, ik_service: IkServiceNode | None) -> None:
+        """
+        Receive the head's pose: by calls of an ik_service in this process, otherwise as messages.
+
+        Messages are also necessary if both nodes have remapped the topic to different names.
+        """
+        topic = topics.END_EFFECTOR_POSE
+        own_name = self.resolve_topic_name(topic.name)
+        if ik_service and ik_service.resolve_topic_name(topic.name) == own_name:
+            self.inputs.accept_calls(topic)
+            ik_service.pass_heads_to(self.owned(self.add_head))
+        else:
+            self.inputs.subscribe(topic, self._receive_head, frame_id=self._frames.rail)
+
+    def pass_poses_to(self, follow: Callable[[float, Pose], None]) -> None:
+        """Call a function with the time [s, monotonic] and each corrected pose."""
+        self._follow = follow
+
+    def add_head(self, time: float, head: Pose) -> None:
+        """Receive the pose of the head from an ik_service in this process [s, monotonic]."""
+        self.inputs.accept(
+            topics.END_EFFECTOR_POSE,
+            partial(self._compensator.following.add_head, time, head),
+        )
 
     def _change(self, part: str, changed: Any) -> None:
         self._compensator.change(part, changed)
@@ -217,9 +257,13 @@ class CompensatorNode(BaseNode):
             self._transform.publish(system_time(now), rail)
         with self.diagnostics.counted():
             corrected = self._compensator.update(now)
-            if corrected is None:
-                return
-            self.corrected_poses.publish(
+            if corrected is not None:
+                self._send(corrected)
+
+    def _send(self, corrected: CorrectedPose) -> None:
+        """Pass a corrected pose to the ik_service, and publish it while a node subscribes."""
+        if self._corrected_poses.get_subscription_count():
+            self._corrected_poses.publish(
                 pose_stamped(
                     self._frames.rail,
                     system_time(corrected.time),
@@ -227,14 +271,16 @@ class CompensatorNode(BaseNode):
                     self._message,
                 )
             )
-            if self._references.get_subscription_count():
-                self._references.publish(
-                    pose_stamped(
-                        self._frames.facade,
-                        system_time(corrected.reach_time),
-                        corrected.reference,
-                    )
+        if self._references.get_subscription_count():
+            self._references.publish(
+                pose_stamped(
+                    self._frames.facade,
+                    system_time(corrected.reach_time),
+                    corrected.reference,
                 )
+            )
+        if self._follow is not None:
+            self._follow(corrected.time, corrected.pose)
 
     def _report_change(self) -> None:
         """Publish the progress of the goal, and diagnostics that have changed."""

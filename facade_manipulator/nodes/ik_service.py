@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 import math
 from time import monotonic
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
@@ -38,6 +39,9 @@ from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
 
+if TYPE_CHECKING:
+    from facade_manipulator.nodes.compensator import CompensatorNode
+
 ACTUATOR_SPACE = 'actuator_space'
 APPROACH_PERIOD = 0.01  # s
 REASON = 'reason', 'quantity', 'value', 'bound', 'unit'  # of a rejected request
@@ -53,11 +57,19 @@ class RailPose(NamedTuple):
 
 
 class IkServiceNode(BaseNode):
-    """Inverse kinematics node for the stream of corrected poses and for requests."""
+    """
+    Inverse kinematics node for the stream of corrected poses and for requests.
+
+    Parameters
+    ----------
+    connects_later : bool
+        Whether the caller calls `connect`, because a compensator may run in this process.
+
+    """
 
     wants_priority = True
 
-    def __init__(self, **kwargs: Any) -> None:
+    def __init__(self, connects_later: bool = False, **kwargs: Any) -> None:
         super().__init__('ik_service', **kwargs)
         geometry = declare(self, Geometry, 'geometry')
         self._stream = SetpointStream(geometry, declare(self, GoalSettings))
@@ -70,6 +82,8 @@ class IkServiceNode(BaseNode):
         self._first: RailPose | None = None
         self._is_at_rest = True  # before the approach has begun
         self._head: Pose | None = None
+        # receives each pose of the head, in a compensator of this process
+        self._add_head: Callable[[float, Pose], None] | None = None
         self._rejected = ''
         self._setpoint_count = 0
 
@@ -79,7 +93,7 @@ class IkServiceNode(BaseNode):
         self._head_message = PoseStamped()
         self._setpoint_message = JointState(name=messages.CARRIAGES)
         self._setpoint_message.header.frame_id = self._frames.rail
-        self.heads = self.create_publisher(*topics.END_EFFECTOR_POSE)
+        self._heads = self.create_publisher(*topics.END_EFFECTOR_POSE)
         self._description = conversions.Description(self, geometry)
         self._rejected_requests = self.create_publisher(*topics.REJECTIONS)
         self.inputs = PublisherWatch(self, self.diagnostics, self._change_publishers)
@@ -91,15 +105,43 @@ class IkServiceNode(BaseNode):
             self._receive_status,
             lambda *_: self._gate.receive_invalid(),
         )
-        self.inputs.subscribe(
-            topics.CORRECTED_POSE,
-            self._receive_corrected_pose,
-            self._end_approach,
-            self._frames.rail,
-        )
         self.inputs.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         self.create_service(*topics.SOLVE, self._solve)
         steady_timer(self, command_gate.PERIOD, self._report_change)
+        if not connects_later:
+            self.connect(None)
+
+    def connect(self, compensator: CompensatorNode | None) -> None:
+        """
+        Receive corrected poses: by calls of a compensator in this process, otherwise as messages.
+
+        Messages are also necessary if both nodes have remapped the topic to different names.
+        """
+        topic = topics.CORRECTED_POSE
+        own_name = self.resolve_topic_name(topic.name)
+        if compensator and compensator.resolve_topic_name(topic.name) == own_name:
+            self.inputs.accept_calls(topic)
+            compensator.pass_poses_to(self.owned(self.follow))
+        else:
+            self.inputs.subscribe(
+                topic,
+                self._receive_corrected_pose,
+                self._end_approach,
+                self._frames.rail,
+            )
+
+    def pass_heads_to(self, add_head: Callable[[float, Pose], None]) -> None:
+        """Call a function with the time [s, monotonic] and the pose of each measured head."""
+        self._add_head = add_head
+
+    def follow(self, time: float, pose: Pose) -> None:
+        """Follow a pose of a compensator in this process for a time [s, monotonic]."""
+        command = RailPose(time, pose, monotonic())
+        self.inputs.accept(
+            topics.CORRECTED_POSE,
+            partial(self._offer, command),
+            partial(self._end_approach, None),
+        )
 
     def _receive_status(self, message: DiagnosticStatus) -> None:
         self._gate.receive(monotonic(), ros_time(), DriverStatus.from_message(message))
@@ -110,9 +152,12 @@ class IkServiceNode(BaseNode):
         pose = messages.planar_pose(message.pose, 'corrected_pose')
         received = monotonic()
         time = steady_seconds(message.header.stamp) if stamp else received
+        self._offer(RailPose(time, pose, received))
+
+    def _offer(self, command: RailPose) -> None:
         if not self._gate.is_open:
-            self._stream.certify(pose)
-        self._gate.offer(RailPose(time, pose, received))
+            self._stream.certify(command.pose)
+        self._gate.offer(command)
 
     def _follow(self, command: RailPose) -> None:
         """Follow a pose of a stream; approach a single pose."""
@@ -202,11 +247,15 @@ class IkServiceNode(BaseNode):
                 message.name, message.position, 'joint_states position'
             )
         )
-        self._head = head = self._stream.mechanism.forward_kinematics(carriages)
-        self.heads.publish(
-            pose_stamped(self._frames.rail, time, head, self._head_message)
-        )
+        head = self._stream.mechanism.forward_kinematics(carriages)
+        self._head = head
+        if self._heads.get_subscription_count():
+            self._heads.publish(
+                pose_stamped(self._frames.rail, time, head, self._head_message)
+            )
         self._description.publish(time, head)
+        if self._add_head is not None:
+            self._add_head(steady_seconds(message.header.stamp), head)
 
     def _solve(
         self, request: GetPlan.Request, response: GetPlan.Response

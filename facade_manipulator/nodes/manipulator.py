@@ -2,21 +2,22 @@
 
 from functools import partial
 
+from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.run import run
 
 
-def connected(
-    compensator: CompensatorNode, ik_service: IkServiceNode
-) -> list[CompensatorNode | IkServiceNode]:
-    """Return both nodes, with calls instead of messages: this saves 4 % of a core at 100 Hz."""
-    compensator.corrected_poses = ik_service.inputs.connect(compensator.corrected_poses)
-    ik_service.heads = compensator.inputs.connect(ik_service.heads)
+def connected_nodes() -> list[BaseNode]:
+    """Return both nodes, which call each other: messages would cost 4 % of a core at 100 Hz."""
+    compensator = CompensatorNode(connects_later=True)
+    ik_service = IkServiceNode(connects_later=True)
+    compensator.connect(ik_service)
+    ik_service.connect(compensator)
     return [compensator, ik_service]
 
 
-main = partial(run, lambda: connected(CompensatorNode(), IkServiceNode()))
+main = partial(run, connected_nodes)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from time import monotonic
 from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.qos import (
     qos_check_compatible,
     qos_profile_sensor_data,
@@ -50,19 +50,6 @@ class IncompatiblePublisher:
     fault: str
     expected_until: float  #: when the graph must list the publisher [s, monotonic]
     was_in_graph: bool = False
-
-
-class DirectPublisher:
-    """Publisher that calls a subscriber in this process, and publishes if others subscribe."""
-
-    def __init__(self, publisher: Publisher, receive: Callable[[Any], None]) -> None:
-        self._publisher, self._receive = publisher, receive
-
-    def publish(self, message: Any) -> None:
-        """Pass a message to all subscribers."""
-        self._receive(message)
-        if self._publisher.get_subscription_count():
-            self._publisher.publish(message)
 
 
 class PublisherWatch:
@@ -142,16 +129,12 @@ class PublisherWatch:
         self._qos[name] = topic.subscription_qos
 
         def receive(message: Any) -> None:
-            try:
-                self.require_sole(name)
+            def use() -> None:
                 if frame_id:
                     require_frame(message.header.frame_id, frame_id, name)
                 callback(message)
-            except ManipulatorError as error:
-                self._diagnostics.reject(
-                    error, name if isinstance(error, LimitError) else ''
-                )
-                on_rejection(message, error)
+
+            self.accept(topic, use, partial(on_rejection, message))
 
         def count(status: Any) -> None:
             self._count(name, status.current_count)
@@ -176,18 +159,28 @@ class PublisherWatch:
             ),
         )
 
-    def connect(self, publisher: Publisher) -> Any:
-        """
-        Return a publisher that calls the subscriber to its topic, and publishes for all others.
+    def accept_calls(self, topic: Topic) -> None:
+        """Count the publishers of a topic whose contents another node in this process passes."""
+        self._names.append(topic.name)
 
-        The result is the publisher itself if this node subscribes to no topic of its name, for
-        example because one of both nodes has another remapping.
+    def accept(
+        self,
+        topic: Topic,
+        use: Callable[[], None],
+        on_rejection: Callable[[ManipulatorError], None] = lambda _: None,
+    ) -> None:
         """
-        for subscription in self._node.subscriptions:
-            if subscription.topic_name == publisher.topic_name:
-                self._node.destroy_subscription(subscription)
-                return DirectPublisher(publisher, subscription.callback)
-        return publisher
+        Use an input, unless its topic has two publishers.
+
+        A `ManipulatorError` of `use` is counted as a rejection and passed to `on_rejection`.
+        """
+        try:
+            self.require_sole(topic.name)
+            use()
+        except ManipulatorError as error:
+            what = topic.name if isinstance(error, LimitError) else ''
+            self._diagnostics.reject(error, what)
+            on_rejection(error)
 
     def require_sole(self, name: str) -> None:
         """Raise an InputError with reason ``'publishers'`` while a topic has two publishers."""

@@ -1,15 +1,17 @@
 """Compensator and ik_service in one process, with calls instead of messages between them."""
 
+from functools import partial
 from time import monotonic
 
 from nodes.bench import NodeBench
+import pytest
 
 from facade_manipulator import topics
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
+from facade_manipulator.nodes.base_node import CallbackError
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped, ros_time
 from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.nodes.manipulator import connected
 
 GOAL = Pose(0.05, 0.25, 0.0)
 
@@ -17,12 +19,28 @@ GOAL = Pose(0.05, 0.25, 0.0)
 class Connected(NodeBench):
     """Both nodes, a supervisor that sends a goal, and a driver."""
 
-    def __init__(self, ros, *remapping):
-        super().__init__(ros, CompensatorNode, cli_args=['--ros-args', *remapping])
-        self.ik_service = ros.add(IkServiceNode())
-        connected(self.tested, self.ik_service)
+    def __init__(self, ros, remapping=(), remapping_of_ik_service=()):
+        super().__init__(
+            ros,
+            partial(CompensatorNode, connects_later=True),
+            cli_args=['--ros-args', *remapping],
+        )
+        self.ik_service = ros.add(
+            IkServiceNode(
+                connects_later=True, cli_args=['--ros-args', *remapping_of_ik_service]
+            )
+        )
+        self.tested.connect(self.ik_service)
+        self.ik_service.connect(self.tested)
         self.setpoints = self.collect(topics.JOINT_SETPOINTS)
         self.publish(topics.GOAL_POSE, pose_stamped('facade', 0.0, GOAL))
+
+    def subscribed_topics(self):
+        """Return the topics to which each node subscribes."""
+        return [
+            {one.topic_name for one in node.subscriptions}
+            for node in (self.tested, self.ik_service)
+        ]
 
 
 def test_external_subscribers_receive_the_messages_between_both_nodes(ros):
@@ -65,10 +83,31 @@ def test_second_publisher_stops_the_setpoints_of_connected_nodes(ros):
     assert not both.setpoints
 
 
-def test_remapped_topic_is_not_connected(ros):
-    both = Connected(ros, '-r', 'corrected_pose:=elsewhere')
+def test_connected_nodes_do_not_subscribe_to_each_other(ros):
+    by_compensator, by_ik_service = Connected(ros).subscribed_topics()
+    assert '/end_effector_pose' not in by_compensator
+    assert '/corrected_pose' not in by_ik_service
+
+
+def test_topic_with_two_names_is_not_connected(ros):
+    both = Connected(ros, ['-r', 'corrected_pose:=elsewhere'])
     corrected = both.collect(topics.CORRECTED_POSE._replace(name='elsewhere'))
     ros.until(lambda: len(corrected) > 5, 'corrected poses')
-    assert (
-        not both.setpoints and both.ik_service.count_subscribers('corrected_pose') == 1
-    )
+    assert not both.setpoints
+    assert '/corrected_pose' in both.subscribed_topics()[1]
+
+
+def test_topic_with_one_other_name_is_connected(ros):
+    remapping = ['-r', 'corrected_pose:=elsewhere']
+    both = Connected(ros, remapping, remapping)
+    ros.until(lambda: both.setpoints, 'setpoints')
+    assert '/elsewhere' not in both.subscribed_topics()[1]
+
+
+def test_defect_of_a_called_node_is_its_own(ros, monkeypatch):
+    both = Connected(ros)
+    ros.until(lambda: both.setpoints, 'setpoints')
+    monkeypatch.setattr(both.ik_service._gate, 'offer', None)
+    with pytest.raises(CallbackError) as caught:
+        both.tested._update()
+    assert caught.value.node is both.ik_service
