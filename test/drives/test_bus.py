@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 
-from axes import bus_of
 from bus_world import (
     at_rest,
     configured,
@@ -362,12 +361,12 @@ def test_congested_network_command_is_sent_later(rig, monkeypatch, number):
     monkeypatch.setattr(FakeBus, 'send', congested)
     rig.request('configure', 'home', 'activate')
     assert len(commands) > number
-    assert not bus_of(rig.controller).lost
+    assert not rig.controller.bus.lost
 
 
 def has_started(rig):
     """Return whether the cycle has started."""
-    exchange = bus_of(rig.controller).exchange
+    exchange = rig.controller.bus.exchange
     return exchange is not None and exchange.has_started
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from axes import module_with_turn_timeout
 from bus_world import configured, in_motion, SETTINGS
 import pytest
 
@@ -79,7 +78,7 @@ def test_cleanup_leaves_no_drive_missing_the_master(rig):
 
 
 def test_slow_drive_ends_configure_in_time(rig, monkeypatch):
-    monkeypatch.setattr(module_with_turn_timeout(), 'TURN_TIMEOUT', 1.0)
+    monkeypatch.setattr('facade_manipulator.drives.waiting.TURN_TIMEOUT', 1.0)
     receive = rig.drives[1].receive
 
     def receive_sdo_late(*frame):

@@ -5,9 +5,9 @@ from dataclasses import replace
 from functools import partial
 import itertools
 
-from axes import commands_of, feedback_of, made_axis
 import pytest
 
+from facade_manipulator.drives.axis import Axis
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.group import Group
@@ -34,11 +34,11 @@ class Drives:
 
     def __init__(self, latency: int = 0) -> None:
         self.axes = tuple(
-            made_axis(name, axis, SETTINGS, load_profile(axis.profile))
+            Axis(name, axis, load_profile(axis.profile), SETTINGS)
             for name, axis in zip(AXIS_NAMES, DEFAULT_AXES, strict=True)
         )
         for axis, settings in zip(self.axes, DEFAULT_AXES, strict=True):
-            feedback_of(axis).counts = settings.to_counts(settings.home_position)
+            axis.feedback.counts = settings.to_counts(settings.home_position)
         self.group = Group(self.axes, SETTINGS)
         self.group.start(0.0)
         self.states, self.modes, self.bits = [*OFF], [0, 0, 0], [0, 0, 0]
@@ -53,14 +53,14 @@ class Drives:
         for _ in range(count):
             self.now += PERIOD
             for number, axis in enumerate(self.axes):
-                feedback = feedback_of(axis)
+                feedback = axis.feedback
                 feedback.mode = self.modes[number]
                 feedback.at_rest = self.at_rest
                 feedback.statusword = (
                     STATUSWORDS[self.states[number]][1] | self.bits[number]
                 )
             self.group.step(self.now)
-            self.history.append(commands_of(self.group))
+            self.history.append([axis.output.command for axis in self.axes])
             self.underway.append(self.history[-1])
             for number, command in enumerate(self.underway.popleft()):
                 if number not in self.deaf:

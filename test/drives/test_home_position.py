@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from axes import axes_of, bus_of
 from bus_world import at_rest, configured, Rig
 import pytest
 
@@ -120,8 +119,7 @@ def limit_queue(rig: Rig, room: int) -> None:
 
 def test_own_nmt_stop_keeps_the_home_position(rig):
     stopped(rig)
-    axes = axes_of(rig.controller)
-    bus_of(rig.controller).command('STOPPED', axes[:1])
+    rig.controller.bus.command('STOPPED', rig.controller.axes[:1])
     rig.run(1.0)
     assert rig.drives[0].objects.nmt.state == 'STOPPED'
     assert not rig.snapshot.unhomed
@@ -136,8 +134,8 @@ def test_drive_that_falls_silent_in_a_pause_is_named(
     rig = make_rig(has_kernel_sync=has_kernel_sync)
     SITUATIONS[situation](rig)
     deliver = rig.deliver
-    pdos = axes_of(rig.controller)[0].profile.pdos
-    answers = {pdo.cob_id(1) for pdo in pdos if pdo.is_transmitted}
+    tpdos = rig.controller.axes[0].profile.tpdos
+    answers = {tpdo.cob_id(1) for tpdo in tpdos}
     rig.deliver = lambda frames: deliver(
         [one for one in frames if one[0] not in answers]
     )

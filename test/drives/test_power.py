@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from axes import bus_of
 from bus_world import at_rest, in_motion, SETTINGS
 import pytest
 
@@ -108,9 +107,7 @@ def test_configure_after_an_unconfirmed_cleanup_forgets_it(make_rig):
 def test_failed_configure_keeps_the_watch_of_a_silent_drive(rig, has_started):
     job = rig.ask('configure')
     if has_started:
-        rig.until(
-            lambda: getattr(bus_of(rig.controller).exchange, 'has_started', False)
-        )
+        rig.until(lambda: getattr(rig.controller.bus.exchange, 'has_started', False))
     rig.drives[1].is_silent = True
     with pytest.raises(DriveError):
         rig.finish(job)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
-from axes import command_all, feedback_of, made_axis, targets_of
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from facade_manipulator.drives.axis import Axis
 from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.group import Group
@@ -57,11 +57,11 @@ class Drives:
     def __init__(self, lag: float = 0.0, axes=DEFAULT_AXES) -> None:
         settings = replace(SETTINGS, drive_lag=lag)
         self.axes = tuple(
-            made_axis(name, axis, settings, load_profile(axis.profile))
+            Axis(name, axis, load_profile(axis.profile), settings)
             for name, axis in zip(AXIS_NAMES, axes, strict=True)
         )
         for axis, counts in zip(self.axes, HERE, strict=True):
-            feedback_of(axis).counts = counts
+            axis.feedback.counts = counts
         self.source = Source()
         self.group = Group(self.axes, settings)
         self.targets = TargetSupervisor(
@@ -71,12 +71,16 @@ class Drives:
 
     def choose(self, state: ControllerState, command: AxisCommand = ON) -> None:
         self.group.state, self.group.follows = state, command is ON
-        command_all(self.group, command)
+        self.command(command)
         self.targets.choose(0.0)
+
+    def command(self, command: AxisCommand) -> None:
+        for axis in self.axes:
+            axis.output.take(command)
 
     @property
     def counts(self) -> tuple[int, ...]:
-        return targets_of(self.targets, self.axes)
+        return tuple(axis.output.target for axis in self.axes)
 
     def supervise(self) -> str:
         """Return the cause of a stop, or ''."""
@@ -115,9 +119,9 @@ def test_steps_to_the_drives_stay_within_the_bound(cycles):
 
 def test_enabled_drives_hold_their_targets_without_following():
     drives = Drives()
-    command_all(drives.group, ON)
+    drives.command(ON)
     for axis in drives.axes:
-        feedback_of(axis).counts = 0
+        axis.feedback.counts = 0
     drives.targets.choose(0.0)
     assert drives.counts == HERE
 
@@ -150,7 +154,7 @@ def test_following_error_uses_the_latched_target(lag, missed, off, message):
         drives.group.state = ACTIVE
         way = 0.3 * T * max(cycle - missed - 1.0 - lag / T, 0.0)
         for axis, start, error in zip(drives.axes, START, off, strict=True):
-            feedback_of(axis).position = start + way + error * (cycle == 29)
+            axis.feedback.position = start + way + error * (cycle == 29)
             axis.answers.cycles_old = missed
         reason = drives.supervise()
         drives.choose(ACTIVE)
@@ -162,6 +166,6 @@ def test_target_is_requested_for_the_arrival_time():
     drives.source.sample = lambda time: asked.append(time) or START
     drives.group.state, drives.group.follows = ACTIVE, True
     clock = SimpleNamespace(smooth_time=100.0, held=0.0)
-    command_all(drives.group, ON)
+    drives.command(ON)
     drives.targets.command(clock, 0.0)
     assert asked == pytest.approx([100.0 + 2.0 * T + 0.013])

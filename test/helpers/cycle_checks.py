@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from axes import axes_of, settings_of
 from frames import decode_rpdo1
 import numpy as np
 
@@ -66,9 +65,9 @@ class CycleChecks:
         self.commands = 0  #: sets of three targets that were checked
         self._rig = rig
         self._numbers = {  # of the axes whose commands come in the default PDO
-            pdo.RPDO1.cob_id(settings_of(one).node_id): number
-            for number, one in enumerate(axes_of(rig.controller))
-            if pdo.RPDO1 in one.profile.pdos
+            pdo.RPDO1.cob_id(axis.settings.node_id): number
+            for number, axis in enumerate(rig.controller.axes)
+            if pdo.RPDO1 in axis.profile.pdos
         }
         self._read = 0
         self._is_enabled = [False] * 3
@@ -113,8 +112,8 @@ class CycleChecks:
             self._positions.clear()
             self._targets.clear()
             return
-        axis = settings_of(axes_of(self._rig.controller)[number])
-        self._targets[number] = axis.to_metres(counts)
+        axis = self._rig.controller.axes[number]
+        self._targets[number] = axis.settings.to_metres(counts)
         if len(self._targets) == 3:
             self._positions.append(tuple(self._targets[one] for one in range(3)))
             self._targets.clear()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from axes import feedback_of, made_axis, silence_of, warning_of
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -12,6 +11,7 @@ import pytest
 from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.emcy import Fault
 from facade_manipulator.canopen.pdo import TPDO1, TPDO2, TPDO3
+from facade_manipulator.drives.axis import Axis
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.encoder import Encoder
@@ -25,9 +25,7 @@ ENABLED, LIMITED, LOCAL, IGNORES, FAULTY = 0x1227, 0x1A27, 0x1027, 0x0227, 0x000
 
 def made(**details):
     """Return a supervised axis that is homed."""
-    axis = made_axis(
-        'q1', AXIS, SETTINGS, replace(load_profile('simulated'), **details)
-    )
+    axis = Axis('q1', AXIS, replace(load_profile('simulated'), **details), SETTINGS)
     axis.begin_supervision(0.0)
     axis.encoder.end_homing(True)
     return axis
@@ -69,8 +67,8 @@ def test_drive_that_reports_disobedience_is_stopped(words, disobedience):
     for cycle, word in enumerate(words, 1):
         answer(axis, cycle, word=word)
         axis.end_cycle(cycle * T)
-    assert disobedience in feedback_of(axis).disobedience
-    assert bool(disobedience) is bool(feedback_of(axis).disobedience)
+    assert disobedience in axis.feedback.disobedience
+    assert bool(disobedience) is bool(axis.feedback.disobedience)
 
 
 @pytest.mark.parametrize('step', [0.3, 9.0])
@@ -79,15 +77,15 @@ def test_clock_set_forward_keeps_heartbeats_valid(step):
     for number in range(1, 40):
         now = 0.05 * number
         axis.receive_heartbeat(Frame(0x701, b'\x05', now - step * (number == 20), now))
-        assert silence_of(axis, now) is None
-    assert silence_of(axis, now + 0.2).message == (
+        assert axis.silence.cause(now) is None
+    assert axis.silence.cause(now + 0.2).message == (
         'q1 (node 1) sent no heartbeat for 200 ms, above the limit 150 ms '
         '(controller.heartbeat_timeout)'
     )
 
 
 def test_drive_silent_before_its_supervision_is_reported():
-    axis = made_axis('q1', AXIS, SETTINGS, load_profile('simulated'))
+    axis = Axis('q1', AXIS, load_profile('simulated'), SETTINGS)
     assert not axis.snapshot(None, 1.0).is_silent
     axis.receive_heartbeat(Frame(0x701, b'\x7f', 1.0, 1.0))
     assert [axis.snapshot(None, time).is_silent for time in (1.1, 1.2)] == [
@@ -101,7 +99,7 @@ def test_carriage_at_rest_has_constant_positions():
     for cycle in range(1, 6):  # in the last cycle it no longer moves
         answer(axis, cycle, 0.004 * min(cycle, 4) * T)
         axis.end_cycle(cycle * T)
-        assert feedback_of(axis).at_rest is (cycle in (1, 5))
+        assert axis.feedback.at_rest is (cycle in (1, 5))
 
 
 def emergency(code):
@@ -152,7 +150,7 @@ def test_warning_stops_nothing_until_the_drive_faults():
         'q1 (node 1): it is warm'
     )
     emergency(0)(axis)
-    assert warning_of(axis) == ''
+    assert axis.errors.warning == ''
     assert emergency(0x4310)(axis) is not None
 
 
