@@ -1,17 +1,31 @@
 """
-Clock of the cycle: due times of SYNC, of the step of the loop, and of commands.
+Clock of the cycle: when SYNC, step and commands are due, and which cycles were late.
 
-Times on the monotonic clock [s] are arguments. A cycle is one SYNC, the answers to it, and one
-step of the control loop. SYNC has one of two senders:
+One cycle, with times as shares of the period after its SYNC:
 
-- The kernel's broadcast manager, where the bus offers it. Its period does not depend on the loop.
-  If the step ends after `COMMANDS_DUE`, its commands would reach the drives after the next SYNC,
-  and the drives would latch a double step. Such commands are not sent: the drives hold for a
-  period, and the cycle counts as late. The loop sends a SYNC that is overdue. It counts the SYNCs
-  that another master sends in between.
-- The loop, elsewhere. It sends SYNC after its commands, at least `MIN_GAP` later. A late step
-  delays SYNC instead of missing it. Any received SYNC comes from another master, because an
-  interface does not return frames to their sender.
+    time   SYNC of the kernel                    SYNC of the loop
+    0.0    SYNC: the drives latch the targets of the previous cycle, and answer
+    ...    the last answer makes the step due
+    0.7    the step is due without the others    the same, after a first answer in time
+    3.0                                          the step is due without any answer
+    ...    step: supervise, choose targets, send the commands
+    0.8    later commands are withdrawn          later commands delay the next SYNC
+    1.0    next SYNC                             next SYNC, at least 0.2 after the commands
+    1.5    SYNC is overdue: the loop sends one
+
+A cycle is *late* if its commands are chosen after 0.8. The kernel does not wait: late commands
+would reach the drives after the next SYNC, and the drives would latch a double step one period
+later. They are withdrawn. The drives then *hold* their last target for a further period. The loop
+waits: it sends late commands, and its SYNC after them. A period is *missed* (`skipped` in the
+statistics) if it passes without a SYNC: the kernel's is overdue, or the loop is late by a whole
+period. A cycle is *incomplete* if its step begins without the answers of all drives.
+
+The kernel sends SYNC where the bus offers its broadcast manager, whose period does not depend on
+the loop. SYNCs of another master in between are found by counting. An interface does not return
+frames to their sender. Beside the SYNC of the loop, each received SYNC is that of another master.
+
+Times on the monotonic clock [s] are arguments. The code follows the order of the cycle: the two
+senders of SYNC, the counter, and the clock that the exchange uses.
 """
 
 from __future__ import annotations
@@ -21,126 +35,109 @@ import math
 
 from facade_manipulator.drives.snapshot import Cause, CycleStatistics, Remedy
 
-ANSWERS_DUE = (
-    0.7  # of the period after SYNC: do not wait longer for the drives' answers
-)
-COMMANDS_DUE = 0.8  # later commands might collide with the kernel's next SYNC
-MIN_GAP = 0.2  # between our commands and our next SYNC
-OTHERS_DUE = (
-    0.3  # of the period: how long after a late first answer the others may come
-)
-FIRST_ANSWER_DUE = (
-    3.0  # for the first answer: a late computer is not a loss of all drives
-)
-SYNC_OVERDUE, SYNC_MISSING = (
-    1.5,
-    2.5,
-)  # of the period: with all frames read, with some waiting
-SYNC_TOO_EARLY = 0.5  # of a period: an earlier SYNC begins no cycle
-SURPLUS_WINDOW = 1.0  # s, in which surplus SYNCs are counted
-ROUNDING = 1e-6  # periods
-JITTER = (
-    0.25  # of the period: a SYNC that is farther from its expected time sets a new one
-)
+# --- shares of the period
+
+# after SYNC
+ANSWERS_DUE = 0.7  # do not wait longer for the answers of the drives
+FIRST_ANSWER_DUE = 3.0  # a late computer is not a loss of all drives
+COMMANDS_DUE = 0.8  # later commands might collide with the next SYNC of the kernel
+SYNC_OVERDUE = 1.5  # with all frames read
+SYNC_MISSING = 2.5  # with some frames waiting
+SYNC_TOO_EARLY = 0.5  # an earlier SYNC begins no cycle
+# after other events
+OTHERS_DUE = 0.3  # after a late first answer: the other answers may follow
+MIN_GAP = 0.2  # from our commands to our next SYNC
+# of the time of a SYNC
+JITTER = 0.25  # a SYNC that is farther from its expected time sets a new one
+ROUNDING = 1e-6
+
 JITTER_SHARE = 0.05  # share of the jitter that moves the smoothed time
+SURPLUS_WINDOW = 1.0  # s, in which surplus SYNCs are counted
 LATE_WINDOW = 500  # cycles over which the share of late cycles is counted
 
 
-class CycleClock:
-    """
-    Clock of one step of the control loop per SYNC of the kernel or the loop, with counters.
+# --- SYNC
 
-    `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `smooth_time` is the
-    time without jitter, because jitter in the time of targets would make the speed jump.
-    `is_open` is whether the step of the SYNC is still due. `next_event` is the time of the step or
-    of the next SYNC [s]. `held` is the time beyond a period [s] for which the drives had held
-    their command when the last commands were sent. The period is the time between two SYNCs [s];
-    `drives` is the number of drives that answer.
-    """
 
-    def __init__(self, period: float, drives: int, has_kernel_sync: bool) -> None:
-        self.period = period
-        self.has_kernel_sync = has_kernel_sync
-        self.next_event = math.inf
-        self.sync_time = 0.0
-        self.sync_stamp = 0.0
-        self.smooth_time = -math.inf
-        self.late_in_a_row = 0
-        self.overdue_in_a_row = 0
-        self.is_open = False
-        self.held = 0.0
-        self._is_counted_late = False  # whether the present step began too late
-        self._drives = drives
-        self._answers = 0  # to the newest SYNC
-        self._commanded: float | None = (
-            None  # the last SYNC after which commands were sent
-        )
-        self._next_sync = 0.0
-        self.statistics = CycleStatistics()
-        self._late_before = 0  # the present window
+class KernelSync:
+    """SYNC of the kernel's broadcast manager; the loop sends only a SYNC that is overdue."""
+
+    waits = False
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._newest = 0.0  # time of the newest SYNC that has begun a cycle [s]
+        self._overdue_in_a_row = 0
         self._received: deque[float] = deque()  # SYNCs of the last `SURPLUS_WINDOW` [s]
-        self._waits_since = (
-            math.inf
-        )  # a step of our own SYNC, for frames that came before
 
-    def start(self, now: float) -> None:
-        """Expect the first SYNC of the kernel, or send the first SYNC now, at a time [s]."""
-        if self.has_kernel_sync:
-            self.sync_time = now
-            now += SYNC_OVERDUE * self.period
-        self.next_event = self._next_sync = now
+    def start(self, now: float) -> float:
+        """Expect the first SYNC; return when it is overdue [s]."""
+        self._newest = now
+        return self.next_sync(now)
 
-    def causes(self, bound: int, is_powered: bool) -> list[Cause]:
-        """Return the causes of a stop: late loop, missing or surplus SYNC, `bound` times."""
-        return [
-            Cause(
-                f'{failure.format(count)}, the limit is {bound}',
-                remedy,
-                configure_again=is_lasting,
-            )
-            for count, failure, remedy, is_lasting in (
-                (
-                    self.late_in_a_row if is_powered else 0,
-                    'the control loop was late {} cycles in a row',
-                    Remedy.COMPUTER,
-                    False,
-                ),
-                (
-                    self.overdue_in_a_row,
-                    'the kernel sent no SYNC for {} periods',
+    def next_sync(self, now: float) -> float:
+        """Return when the next SYNC is overdue [s]; it does not wait for commands until now."""
+        return self._newest + SYNC_OVERDUE * self._period
+
+    def is_unexpected(self, time: float) -> bool:
+        """Return whether a SYNC is too early for the period; count it then."""
+        is_early = time < self._newest + SYNC_TOO_EARLY * self._period
+        if is_early:
+            self._count(time)
+        return is_early
+
+    def begin(self, time: float, is_received: bool) -> int:
+        """Begin a cycle with a SYNC of the kernel, or with one of the loop if it is overdue."""
+        self._newest = time
+        if not is_received:
+            self._overdue_in_a_row += 1
+            return 1
+        self._overdue_in_a_row = 0
+        self._count(time)
+        return 0
+
+    def step_due(self, sync_time: float, first_answer: float | None) -> float:
+        """Return the time after which no answer is awaited [s]: the next SYNC does not wait."""
+        return sync_time + ANSWERS_DUE * self._period
+
+    def sync_may_wait(self, now: float) -> bool:
+        """Return whether the overdue SYNC may be among frames that are not read yet."""
+        return now < self._newest + SYNC_MISSING * self._period
+
+    def step_may_wait(self, now: float, frame_time: float, due: float) -> bool:
+        """Return whether there is time to read further answers."""
+        return now < due + (COMMANDS_DUE - ANSWERS_DUE) * self._period
+
+    def has_time(self, now: float) -> bool:
+        """Return whether the next SYNC is far enough away for all commands."""
+        age = (now - self._newest) % self._period
+        return age <= COMMANDS_DUE * self._period
+
+    def causes(self, bound: int) -> list[Cause]:
+        """Return the causes of a stop: a missing SYNC, and SYNCs of another master."""
+        causes = []
+        overdue = self._overdue_in_a_row
+        if overdue >= bound:
+            causes.append(
+                Cause(
+                    f'the kernel sent no SYNC for {overdue} periods, the limit is {bound}',
                     'check the interface and its driver',
-                    True,
-                ),
-                (
-                    self.surplus,
-                    'another master is on the bus, SYNC (080h) was received '
-                    f'between ours {{}} times within {SURPLUS_WINDOW:g} s',
+                    configure_again=True,
+                )
+            )
+        surplus = self._surplus
+        if surplus >= bound:
+            causes.append(
+                Cause(
+                    'another master is on the bus, SYNC (080h) was received between ours '
+                    f'{surplus} times within {SURPLUS_WINDOW:g} s, the limit is {bound}',
                     Remedy.OTHER_MASTER,
-                    False,
-                ),
+                )
             )
-            if count >= bound
-        ]
-
-    def answer(self, now: float) -> None:
-        """
-        Count the answer of a drive to the newest SYNC; the last answer makes the step due.
-
-        An answer after the step is ignored, because the next SYNC requests all answers again.
-        """
-        self._answers += 1
-        if not self.is_open:
-            return
-        if self._answers >= self._drives:
-            self.next_event = now
-        elif self._answers == 1 and not self.has_kernel_sync:
-            self.next_event = max(
-                self.sync_time + ANSWERS_DUE * self.period,
-                now + OTHERS_DUE * self.period,
-            )
+        return causes
 
     @property
-    def surplus(self) -> int:
+    def _surplus(self) -> int:
         """
         Return how many SYNCs more than those of the kernel were received in `SURPLUS_WINDOW`.
 
@@ -151,76 +148,210 @@ class CycleClock:
             return 0
         elapsed = self._received[-1] - self._received[0]
         following = len(self._received) - 1
-        return max(0, int(following - elapsed / self.period + ROUNDING))
+        return max(0, int(following - elapsed / self._period + ROUNDING))
 
-    def is_unexpected(self, time: float) -> bool:
-        """Return whether a SYNC at a time [s] is too early for the period of the kernel."""
-        is_early = time < self.sync_time + SYNC_TOO_EARLY * self.period
-        if is_early:
-            self._count_sync(time)
-        return is_early
-
-    def receive(self, time: float, stamp: float) -> None:
-        """Begin a cycle with the kernel's SYNC at a time [s]."""
-        self.overdue_in_a_row = 0
-        self._count_sync(time)
-        self._next_sync = time + SYNC_OVERDUE * self.period
-        self._open(time, stamp)
-
-    def _count_sync(self, time: float) -> None:
+    def _count(self, time: float) -> None:
         if self._received:  # an earlier time comes from a system clock that was set
             time = max(time, self._received[-1])
         self._received.append(time)
         while self._received[0] <= time - SURPLUS_WINDOW:
             self._received.popleft()
 
-    def begin(self, time: float, stamp: float) -> None:
-        """Begin a cycle with a SYNC of the loop, also if the kernel's SYNC is overdue."""
-        if self.has_kernel_sync:
-            self.overdue_in_a_row += 1
-            self.statistics.skipped += 1
-            self._next_sync = time + SYNC_OVERDUE * self.period
-        else:
-            self.statistics.skipped += max(
-                0, int((time - self._next_sync) / self.period)
-            )
-            self._next_sync = (
-                max(  # keep the phase, but never squeeze a cycle to catch up
-                    self._next_sync + self.period, time + COMMANDS_DUE * self.period
-                )
-            )
-            self._waits_since = math.inf
-        self._open(time, stamp)
 
-    def has_time(self, now: float) -> bool:
-        """Return whether commands that are sent now all precede the same SYNC."""
-        age = (now - self.sync_time) % self.period
-        return not self.has_kernel_sync or age <= COMMANDS_DUE * self.period
+class LoopSync:
+    """SYNC of the loop, every period; it waits for late commands."""
 
-    def may_wait(self, now: float, time: float) -> bool:
+    waits = True
+
+    def __init__(self, period: float) -> None:
+        self._next_sync = 0.0
+        self._period = period
+        #: since when a due step has waited for frames that came before [s]
+        self._waits_since = math.inf
+
+    def start(self, now: float) -> float:
+        """Plan the first SYNC; return when it is due [s]: now."""
+        self._next_sync = now
+        return now
+
+    def next_sync(self, now: float) -> float:
+        """Return when the next SYNC is due [s]; the drives first receive commands until now."""
+        self._next_sync = max(self._next_sync, now + MIN_GAP * self._period)
+        return self._next_sync
+
+    def is_unexpected(self, time: float) -> bool:
+        """Return True: a received SYNC comes from another master."""
+        return True
+
+    def begin(self, time: float, is_received: bool) -> int:
+        """Begin a cycle; the next keeps the phase, but is not shortened to catch up."""
+        missed = max(0, int((time - self._next_sync) / self._period))
+        in_phase = self._next_sync + self._period
+        self._next_sync = max(in_phase, time + COMMANDS_DUE * self._period)
+        self._waits_since = math.inf
+        return missed
+
+    def step_due(self, sync_time: float, first_answer: float | None) -> float:
+        """Return a late time without any answer [s]: then this computer is late."""
+        if first_answer is None:
+            return sync_time + FIRST_ANSWER_DUE * self._period
+        due = sync_time + ANSWERS_DUE * self._period
+        return max(due, first_answer + OTHERS_DUE * self._period)
+
+    def sync_may_wait(self, now: float) -> bool:
+        """Return False: the loop receives no SYNC."""
+        return False
+
+    def step_may_wait(self, now: float, frame_time: float, due: float) -> bool:
         """
-        Return whether a due step or SYNC may wait until received frames are read.
+        Return whether an answer that came in time may be among the received frames.
 
-        `time` is that of the last frame [s]. A SYNC or an answer may be among the frames. The wait
-        is at most a period, because frames may arrive faster than they are read.
+        The wait is at most a period, because frames may arrive faster than they are read.
         """
-        if self.has_kernel_sync and not self.is_open:
-            return now < self.next_event + (SYNC_MISSING - SYNC_OVERDUE) * self.period
-        if not self.is_open or self._answers >= self._drives:
-            return False
-        if self.has_kernel_sync:
-            return now < self.next_event + (COMMANDS_DUE - ANSWERS_DUE) * self.period
-        if time >= self.next_event:
+        if frame_time >= due:
             return False
         self._waits_since = min(self._waits_since, now)
-        return now < self._waits_since + self.period
+        return now < self._waits_since + self._period
 
-    def _open(self, time: float, stamp: float) -> None:
-        self.sync_time, self.sync_stamp = time, stamp
+    def has_time(self, now: float) -> bool:
+        """Return True: the loop sends SYNC after its commands."""
+        return True
+
+    def causes(self, bound: int) -> list[Cause]:
+        """Return no cause: a late loop delays its SYNC instead of missing it."""
+        return []
+
+
+# The clock asks its sender what waits for what. Both senders answer the same questions.
+SyncSender = KernelSync | LoopSync
+
+
+# --- late, missed and held cycles
+
+
+class CycleCounter:
+    """Counter of late, missed and held cycles, which the clock informs in each cycle."""
+
+    def __init__(self, period: float) -> None:
+        self.statistics = CycleStatistics()
+        self.late_in_a_row = 0  #: cycles whose commands were withdrawn
+        #: time beyond a period for which the drives had held their target before this step [s]
+        self.held = 0.0
+        self._period = period
+        self._is_late = False  # whether the present cycle is counted as late
+        self._late_before = 0  # late cycles before the present window
+        self._commanded: float | None = None  # SYNC of the last commands that were sent
+
+    def count_missed(self, periods: int) -> None:
+        """Count periods that have passed without a SYNC."""
+        self.statistics.skipped += periods
+
+    def begin_step(self, sync_time: float, age: float, is_complete: bool) -> None:
+        """Count a step that begins at an age of its SYNC [s], with all answers or without."""
+        counts = self.statistics
+        counts.cycles += 1
+        if not is_complete:
+            counts.incomplete += 1
+        counts.worst = max(counts.worst, age)
+        if counts.cycles % LATE_WINDOW == 0:
+            counts.late_share = (counts.late - self._late_before) / LATE_WINDOW
+            self._late_before = counts.late
+
+        self._is_late = False
+        if self._commanded is not None:
+            periods = round((sync_time - self._commanded) / self._period)
+            self.held = max(0, periods - 1) * self._period
+
+    def count_late(self, is_withdrawn: bool) -> None:
+        """Count the present cycle as late, once; its commands may be withdrawn."""
+        if self._is_late:
+            return
+        self._is_late = True
+        self.statistics.late += 1
+        if is_withdrawn:
+            self.late_in_a_row += 1
+
+    def count_commands(self, sync_time: float) -> None:
+        """Record that the commands of the cycle of a SYNC [s] are sent."""
+        self.late_in_a_row = 0
+        self._commanded = sync_time
+
+    def causes(self, bound: int) -> list[Cause]:
+        """Return the cause of a stop by `bound` late cycles in a row."""
+        late = self.late_in_a_row
+        if late < bound:
+            return []
+        message = (
+            f'the control loop was late {late} cycles in a row, the limit is {bound}'
+        )
+        return [Cause(message, Remedy.COMPUTER)]
+
+
+# --- the cycle
+
+
+class CycleClock:
+    """
+    Clock of one cycle after another, which the exchange asks and informs.
+
+    The exchange calls `start` once. In each cycle it calls `receive` or `begin` with the SYNC,
+    `answer` for each drive, `finish` when the step begins, and `finish_commands` when its
+    commands are chosen. The period is the time between two SYNCs [s]; `drives` is the number of
+    drives that answer.
+    """
+
+    def __init__(self, period: float, drives: int, has_kernel_sync: bool) -> None:
+        self.period = period
+        self.sender: SyncSender = LoopSync(period)
+        if has_kernel_sync:
+            self.sender = KernelSync(period)
+        self.counter = CycleCounter(period)
+        self.is_open = False  #: whether the step of the newest SYNC is still due
+        self.next_event = math.inf  #: time of the step or of the next SYNC [s]
+        #: time of the newest SYNC on the monotonic clock, and on the system clock [s]
+        self.sync_time = 0.0
+        self.sync_stamp = 0.0
+        #: time of the newest SYNC without its jitter [s], which would make the speed jump
+        self.smooth_time = -math.inf
+        self._drives = drives
+        self._answers = 0  # to the newest SYNC
+
+    @property
+    def statistics(self) -> CycleStatistics:
+        """Return the counters of the cycle."""
+        return self.counter.statistics
+
+    @property
+    def held(self) -> float:
+        """Return the time beyond a period for which the drives have held their target [s]."""
+        return self.counter.held
+
+    def start(self, now: float) -> None:
+        """Expect the first SYNC of the kernel, or send the first SYNC now, at a time [s]."""
+        self.sync_time = now
+        self.next_event = self.sender.start(now)
+
+    # --- SYNC
+
+    def is_unexpected(self, time: float) -> bool:
+        """Return whether a received SYNC at a time [s] begins no cycle."""
+        return self.sender.is_unexpected(time)
+
+    def receive(self, time: float, stamp: float) -> None:
+        """Begin a cycle with a received SYNC at a time [s]."""
+        self._begin(time, stamp, is_received=True)
+
+    def begin(self, time: float, stamp: float) -> None:
+        """Begin a cycle with a SYNC of the loop, also if the kernel's SYNC is overdue."""
+        self._begin(time, stamp, is_received=False)
+
+    def _begin(self, time: float, stamp: float, is_received: bool) -> None:
+        self.counter.count_missed(self.sender.begin(time, is_received))
+        self.sync_time = time
+        self.sync_stamp = stamp
         self.smooth_time = self._smoothed(time)
+        self.next_event = self.sender.step_due(time, None)
         self._answers = 0
-        share = ANSWERS_DUE if self.has_kernel_sync else FIRST_ANSWER_DUE
-        self.next_event = time + share * self.period
         self.is_open = True
 
     def _smoothed(self, time: float) -> float:
@@ -233,51 +364,73 @@ class CycleClock:
             return time
         return expected + JITTER_SHARE * (time - expected)
 
+    # --- answers
+
+    def answer(self, now: float) -> None:
+        """
+        Count the answer of a drive to the newest SYNC; the last answer makes the step due.
+
+        An answer after the step is ignored, because the next SYNC requests all answers again.
+        """
+        self._answers += 1
+        if not self.is_open:
+            return
+        if self._has_all_answers:
+            self.next_event = now
+        elif self._answers == 1:
+            self.next_event = self.sender.step_due(self.sync_time, now)
+
+    @property
+    def _has_all_answers(self) -> bool:
+        return self._answers >= self._drives
+
+    def may_wait(self, now: float, time: float) -> bool:
+        """
+        Return whether a due step or SYNC may wait until received frames are read.
+
+        `time` is that of the last frame [s]. A SYNC or an answer may be among the frames.
+        """
+        if not self.is_open:
+            return self.sender.sync_may_wait(now)
+        if self._has_all_answers:
+            return False
+        return self.sender.step_may_wait(now, time, self.next_event)
+
+    # --- step and commands
+
     def finish(self, now: float) -> bool:
         """
         Close the cycle when its step begins [s]; return whether its commands may be in time.
 
         `finish_commands` decides at the end of the step.
         """
-        age = now - self.sync_time
         self.is_open = False
-        counts = self.statistics
-        counts.cycles += 1
-        counts.incomplete += self._answers < self._drives
-        counts.worst = max(counts.worst, age)
-        if counts.cycles % LATE_WINDOW == 0:
-            counts.late_share = (counts.late - self._late_before) / LATE_WINDOW
-            self._late_before = counts.late
-        if self._commanded is not None:
-            periods = round((self.sync_time - self._commanded) / self.period)
-            self.held = max(0, periods - 1) * self.period
-        is_late = age > COMMANDS_DUE * self.period
-        counts.late += is_late
-        self._is_counted_late = is_late
-        in_time = not (is_late and self.has_kernel_sync)
-        if not in_time:
-            self.late_in_a_row += 1
-        self._wait_for_commands(now)
-        return in_time
+        age = now - self.sync_time
+        self.counter.begin_step(self.sync_time, age, self._has_all_answers)
+        return self._are_commands_in_time(now)
 
     def finish_commands(self, now: float) -> bool:
-        """
-        Return whether commands that were chosen until now [s] still precede the next SYNC.
+        """Return whether commands that were chosen until now [s] may be sent."""
+        is_in_time = self._are_commands_in_time(now)
+        if is_in_time:
+            self.counter.count_commands(self.sync_time)
+        return is_in_time
 
-        Commands that are chosen too late count like a step that begins too late.
-        """
-        is_late = now - self.sync_time > COMMANDS_DUE * self.period
-        self.statistics.late += is_late and not self._is_counted_late
-        self._wait_for_commands(now)
-        if is_late and self.has_kernel_sync:
-            self.late_in_a_row += not self._is_counted_late
-            return False
-        self.late_in_a_row = 0
-        self._commanded = self.sync_time
-        return True
+    def _are_commands_in_time(self, now: float) -> bool:
+        """Return whether commands of a time [s] may be sent, and when the next SYNC is due."""
+        self.next_event = self.sender.next_sync(now)
+        if now - self.sync_time <= COMMANDS_DUE * self.period:
+            return True
+        self.counter.count_late(is_withdrawn=not self.sender.waits)
+        return self.sender.waits
 
-    def _wait_for_commands(self, now: float) -> None:
-        """Delay the next SYNC of the loop, so that the commands reach the drives before it."""
-        if not self.has_kernel_sync:
-            self._next_sync = max(self._next_sync, now + MIN_GAP * self.period)
-        self.next_event = self._next_sync
+    def has_time(self, now: float) -> bool:
+        """Return whether commands that are sent now all precede the same SYNC."""
+        return self.sender.has_time(now)
+
+    def causes(self, bound: int, is_powered: bool) -> list[Cause]:
+        """Return the causes of a stop by the cycle: a failure that occurred `bound` times."""
+        causes = self.sender.causes(bound)
+        if is_powered:
+            causes = self.counter.causes(bound) + causes
+        return causes
