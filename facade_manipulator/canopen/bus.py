@@ -36,10 +36,8 @@ NO_KERNEL_SYNC = (
     'the control loop sends SYNC, because the kernel has no CAN broadcast manager; next: '
     'sudo modprobe can-bcm, then cleanup and configure, for less jitter'
 )
-_FULL = (
-    errno.ENOBUFS,
-    errno.EAGAIN,
-)  # queue of the interface full, queue of the socket full
+# the queue of the interface is full, that of the socket
+_FULL = (errno.ENOBUFS, errno.EAGAIN)
 _ERRORS = (can.CanError, OSError, ValueError)  # the interface is down, gone or closed
 
 
@@ -47,13 +45,13 @@ class BusCongestedError(BusError):
     """The send queue is full: no node acknowledges frames, or the queue is too short."""
 
 
-# error classes in the identifier of an error frame, and bits of data[1] for a controller problem
-_BUS_OFF, _RESTARTED, _CONTROLLER_PROBLEM = 0x040, 0x100, 0x004
-_CONDITIONS = {
-    0x30: 'passive',
-    0x0C: 'warning',
-    0x40: 'active',
-}  # by mask, the worst first
+# error classes in the identifier of an error frame
+_CONTROLLER_PROBLEM = 0x004
+_BUS_OFF = 0x040
+_RESTARTED = 0x100
+# bits of data[1] for a controller problem
+_OVERFLOWS = 0x03
+_CONDITIONS = {0x30: 'passive', 0x0C: 'warning', 0x40: 'active'}  # the worst first
 
 
 class Frame(NamedTuple):
@@ -63,9 +61,8 @@ class Frame(NamedTuple):
     data: bytes
     time: float  #: time of reception on the monotonic clock [s]
     stamp: float  #: time of reception on the system clock [s]
-    is_local: bool = (
-        False  #: whether SocketCAN marks the frame as sent on this computer
-    )
+    #: whether SocketCAN marks the frame as sent on this computer
+    is_local: bool = False
 
 
 def open_bus(settings: BusSettings) -> can.BusABC:
@@ -107,13 +104,11 @@ class CanBus:
         self._sync_task: can.CyclicSendTaskABC | None = None
         #: counters, and the condition of the controller
         self.statistics = BusStatistics()
-        self.is_virtual = isinstance(
-            bus, VirtualBus
-        )  # within this process, without a cable
+        #: whether the bus is within this process, without a cable
+        self.is_virtual = isinstance(bus, VirtualBus)
         if isinstance(bus, VirtualBus):
-            bus.preserve_timestamps = (
-                True  # frames of simulated drives have their own stamps
-            )
+            # frames of simulated drives have their own stamps
+            bus.preserve_timestamps = True
         if isinstance(bus, SocketcanBus):
             try:  # the kernel loads its module if it is available
                 create_bcm_socket(bus.channel).close()
@@ -214,11 +209,11 @@ class CanBus:
 
     def stop_sync(self) -> None:
         """Stop the SYNC of the kernel, if it is active."""
-        task, self._sync_task = self._sync_task, None
+        task = self._sync_task
+        self._sync_task = None
         if task is not None:
-            with suppress(
-                *_ERRORS
-            ):  # the sockets of a removed interface are already closed
+            # the sockets of a removed interface are already closed
+            with suppress(*_ERRORS):
                 task.stop()
 
     def close(self) -> None:
@@ -240,11 +235,12 @@ class CanBus:
         if error_class & _RESTARTED:
             noted.condition = 'active'
         elif error_class & _CONTROLLER_PROBLEM:
-            noted.overflows += bool(bits & 0x03)  # queue of the controller
-            noted.condition = next(
-                (_CONDITIONS[mask] for mask in _CONDITIONS if bits & mask),
-                noted.condition,
-            )
+            if bits & _OVERFLOWS:  # of the queues of the controller
+                noted.overflows += 1
+            for mask, condition in _CONDITIONS.items():
+                if bits & mask:
+                    noted.condition = condition
+                    break
 
     def _error(self, error: Exception) -> BusError:
         code = getattr(error, 'error_code', None) or getattr(error, 'errno', None)

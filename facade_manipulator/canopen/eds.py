@@ -9,6 +9,7 @@ CiA 306: electronic data sheet (EDS) and device configuration file (DCF).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from configparser import RawConfigParser
 from io import StringIO
 from pathlib import Path
@@ -74,42 +75,60 @@ def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
 
 def _normalised(text: str) -> StringIO:
     """Return the text in the form that `canopen` reads: each object, then its sub-objects."""
-    found, lines = RawConfigParser(inline_comment_prefixes=(';',)), list[str]()
+    found = RawConfigParser(inline_comment_prefixes=(';',))
     found.optionxform = lambda key: _KEYS.get(key.lower(), key)  # type: ignore
     found.read_string('\n'.join(line.strip() for line in text.splitlines()))
+    lines = []
     for section in sorted(found.sections(), key=str.upper):
-        name = section.upper().replace('SUB', 'sub').replace('NAME', 'Name')
-        name = name.replace('DEVICEINFO', 'DeviceInfo')
-        entries = {'ParameterName': name} | {
-            key: _number(value) if key in _WHOLE_NUMBERS else value
-            for key, value in found[section].items()
-            if value
-        }
-        data_type = int(entries.get('DataType', '0'), 0)
-        is_composite = int(entries.get('ObjectType', '0'), 0) in (eds.ARR, eds.RECORD)
-        if re.fullmatch('[0-9A-F]+(sub[0-9A-F]+)?', name) and not (
-            is_composite or data_type
-        ):
-            continue
-        if data_type not in _NOT_WHOLE:
-            entries |= {key: _number(entries[key]) for key in _VALUES & entries.keys()}
-        lines += [f'[{name}]', *(f'{key}={value}' for key, value in entries.items())]
+        name = _section_name(section)
+        entries = _entries(name, found[section])
+        if entries is not None:
+            lines.append(f'[{name}]')
+            lines += [f'{key}={value}' for key, value in entries.items()]
     return StringIO('\n'.join(lines))
+
+
+def _section_name(section: str) -> str:
+    """Return the name of a section in the spelling that the library expects."""
+    name = section.upper().replace('SUB', 'sub').replace('NAME', 'Name')
+    return name.replace('DEVICEINFO', 'DeviceInfo')
+
+
+def _entries(name: str, section: Mapping[str, str]) -> dict[str, str] | None:
+    """Return the entries of a section, None for an object without a data type."""
+    entries = {'ParameterName': name}
+    for key, value in section.items():
+        if value:
+            entries[key] = _number(value) if key in _WHOLE_NUMBERS else value
+
+    data_type = int(entries.get('DataType', '0'), 0)
+    is_composite = int(entries.get('ObjectType', '0'), 0) in (eds.ARR, eds.RECORD)
+    is_object = re.fullmatch('[0-9A-F]+(sub[0-9A-F]+)?', name) is not None
+    if is_object and not data_type and not is_composite:
+        return None
+    if data_type not in _NOT_WHOLE:
+        for key in _VALUES & entries.keys():
+            entries[key] = _number(entries[key])
+    return entries
 
 
 def _number(text: str) -> str:
     """Return a number as Python reads it; accept hexadecimal without 0x and octal of CiA 306."""
     if not re.fullmatch('[0-9A-Fa-f]+', text):
         return text
-    is_octal = text.startswith('0') and not set(text) & {'8', '9'}
-    return str(int(text, 16 if not text.isdecimal() else 8 if is_octal else 10))
+    base = 10
+    if not text.isdecimal():
+        base = 16
+    elif text.startswith('0') and not set(text) & {'8', '9'}:
+        base = 8
+    return str(int(text, base))
 
 
 def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]:
     """Return all variables of an object dictionary by index and subindex."""
-    found = [
-        one
-        for entry in dictionary.values()
-        for one in ([entry] if isinstance(entry, ODVariable) else entry.values())
-    ]
-    return {(one.index, one.subindex): one for one in found}
+    found = {}
+    for entry in dictionary.values():
+        parts = [entry] if isinstance(entry, ODVariable) else entry.values()
+        for variable in parts:
+            found[variable.index, variable.subindex] = variable
+    return found

@@ -63,10 +63,10 @@ class BusStatistics:
 
 def check_link(channel: str, bitrate: int) -> None:
     """Raise a BusError if an interface is missing, down, bus-off, or at another bit rate."""
-    link, details = f'sudo ip link set {channel}', _details(channel)
-    actual = details.get('bittiming', {}).get(
-        'bitrate', bitrate
-    )  # vcan has no bit rate
+    link = f'sudo ip link set {channel}'
+    details = _details(channel)
+    # vcan has no bit rate
+    actual = details.get('bittiming', {}).get('bitrate', bitrate)
     deviation = abs(actual - bitrate) / bitrate
     if not (_SYSTEM / channel).exists():
         problem = 'is missing; next: ' + (

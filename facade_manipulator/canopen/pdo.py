@@ -21,13 +21,13 @@ from typing import NamedTuple
 from facade_manipulator.canopen import cob_ids, indices
 
 ALL_BITS = 0xFFFFFFFF
-HIGHEST_FULL_RATE = (
-    200  # Hz, maximum rate of cycles at which the bus has room for every PDO
-)
+# Hz, maximum rate of cycles at which the bus has room for every PDO
+HIGHEST_FULL_RATE = 200
 #: from the index of the communication parameters of a PDO to that of its mapping
 MAPPING_OFFSET = indices.RPDO_MAPPING - indices.RPDO_COMMUNICATION
-PDO_NAMES = tuple(
-    f'{direction}PDO{number}' for direction in 'RT' for number in cob_ids.PDO_NUMBERS
+PDO_NAMES = (
+    *(f'RPDO{number}' for number in cob_ids.PDO_NUMBERS),
+    *(f'TPDO{number}' for number in cob_ids.PDO_NUMBERS),
 )
 
 
@@ -37,9 +37,8 @@ class Write(NamedTuple):
     index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
     value: int
-    size: int | None = (
-        None  #: bytes; None for the size in the drive's object dictionary
-    )
+    #: bytes; None for the size in the drive's object dictionary
+    size: int | None = None
     required: bool = True  #: whether a drive without the object is rejected
     #: mask of the bits that must be read back as written; 0 for an intermediate value
     compared: int = ALL_BITS
@@ -73,9 +72,8 @@ class Pdo:
 
     def __post_init__(self) -> None:
         self.number = int(self.name[-1])
-        self.is_transmitted = self.name.startswith(
-            'T'
-        )  #: named from the side of the drive
+        #: whether the drive sends it
+        self.is_transmitted = self.name.startswith('T')
         first = indices.RPDO_COMMUNICATION
         if self.is_transmitted:
             first = indices.TPDO_COMMUNICATION
@@ -121,26 +119,18 @@ class Pdo:
         The order is: disable, count 0, entries, count, transmission type at a rate [Hz], enable.
 
         """
-        mapping = self.communication_index + MAPPING_OFFSET
-        return [
-            self.disable_write(node_id)._replace(required=True, compared=0),
-            Write(mapping, 0, 0, 1, compared=0),
-            *(
-                Write(mapping, position, item.mapping, 4)
-                for position, item in enumerate(self.content, start=1)
-            ),
-            Write(mapping, 0, len(self.content), 1),
-            Write(self.communication_index, 2, self.transmission(rate), 1),
-            Write(
-                self.communication_index,
-                1,
-                self._cob_id_entry(node_id),
-                4,
-                compared=cob_ids.NOT_VALID
-                | cob_ids.EXTENDED_FRAME
-                | cob_ids.COB_ID_BITS,
-            ),
-        ]
+        communication = self.communication_index
+        mapping = communication + MAPPING_OFFSET
+        disable = self.disable_write(node_id)._replace(required=True, compared=0)
+        writes = [disable, Write(mapping, 0, 0, 1, compared=0)]
+        for position, item in enumerate(self.content, start=1):
+            writes.append(Write(mapping, position, item.mapping, 4))
+        writes.append(Write(mapping, 0, len(self.content), 1))
+        writes.append(Write(communication, 2, self.transmission(rate), 1))
+        entry = self._cob_id_entry(node_id)
+        used = cob_ids.NOT_VALID | cob_ids.EXTENDED_FRAME | cob_ids.COB_ID_BITS
+        writes.append(Write(communication, 1, entry, 4, compared=used))
+        return writes
 
     def _cob_id_entry(self, node_id: int) -> int:
         return self.cob_id(node_id) | (
@@ -184,11 +174,13 @@ PDO_MAP = (RPDO1, TPDO1, TPDO2, TPDO3)
 COMMANDS = frozenset(RPDO1.indices)
 STATUS = frozenset(TPDO1.indices)
 MOTION = frozenset(TPDO2.indices)
-KNOWN_OBJECTS = {item.index: item for one in PDO_MAP for item in one.content}
+KNOWN_OBJECTS = {
+    item.index: item
+    for item in (*RPDO1.content, *TPDO1.content, *TPDO2.content, *TPDO3.content)
+}
 
 
 def unused_pdos(used: Iterable[Pdo]) -> tuple[Pdo, ...]:
     """Return the unused PDOs among the four of each direction."""
-    return tuple(
-        Pdo(name) for name in PDO_NAMES if name not in {one.name for one in used}
-    )
+    names = {one.name for one in used}
+    return tuple(Pdo(name) for name in PDO_NAMES if name not in names)

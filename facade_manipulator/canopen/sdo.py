@@ -83,7 +83,9 @@ _USED_BITS = {
     _DOWNLOAD: 0xE0,
     _ABORT: 0xE0,
 }
-_EXPEDITED, _HAS_SIZE = 0x02, 0x01  # bits of the answer that begins an upload
+# bits of the answer that begins an upload
+_EXPEDITED = 0x02
+_HAS_SIZE = 0x01
 
 
 def complete_answer(data: bytes, size: int = 4) -> bytes | None:
