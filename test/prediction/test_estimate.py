@@ -2,7 +2,7 @@
 
 import math
 
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from mechanism import published_motion
 import numpy as np
@@ -188,6 +188,7 @@ def test_range_is_that_of_the_rail_for_any_yaw(yaw, theta, turns):
     checked = gate(mounting=(0.0, 0.0, yaw))
     for number, turn in enumerate(turns):
         rail = theta + turn
+        assume(abs(abs(rail) - 0.6) > 1e-9)  # rounding decides at the limit
         published = Pose(0.0, 0.0, math.remainder(rail + yaw, math.tau))
         stamp = NOW + 0.02 * number
         if abs(rail) < 0.6:
