@@ -17,7 +17,7 @@ import numpy as np
 
 from facade_manipulator.compensation import correction
 from facade_manipulator.motion.follower import SetpointFollower
-from facade_manipulator.prediction import continuation, predictor
+from facade_manipulator.prediction import continuation, learning, reduction
 from facade_manipulator.prediction.continuation import Continuation
 from facade_manipulator.prediction.jumps import JumpDecision, JumpDetector
 from facade_manipulator.prediction.tones import Tones
@@ -77,11 +77,11 @@ PARTS = {  # owner and name of each part of the control, and its replacement
     'doubt about tones': (Continuation, 'solve', solve_and_trust),
     'jump detector': (JumpDetector, 'evaluate', doubt_nothing),
     'prior': (continuation, 'PRIOR_WEIGHT', 1e-5 * continuation.PRIOR_WEIGHT),
-    'weakening by growth': (predictor, 'GROWTH', 1e9),
+    'weakening by growth': (learning, 'GROWTH', 1e9),
     'maximum acceleration': (
-        predictor,
+        reduction,
         'MAX_ACCELERATION',
-        1e3 * predictor.MAX_ACCELERATION,
+        1e3 * reduction.MAX_ACCELERATION,
     ),
     'smoothing of the correction': (correction, 'SMOOTHING', 1e-4),
     'smoothing of the follower': (SetpointFollower, '_smooth', do_nothing),

@@ -33,31 +33,43 @@ from __future__ import annotations
 
 from collections import deque
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from facade_manipulator.prediction.filters import FEATURES
+from facade_manipulator.prediction.positions import Positions
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
 MEMORY = 60.0  # s, time constant of forgetting
 START_SHARE = 0.7  # time constant at the beginning, as a share of the elapsed time
-PRIOR_WEIGHT = (
-    4.0  # s²: λ is this divided by the learnt time, the same as that time after 2 s
-)
+# s²: λ is this divided by the learnt time, the same as that time after 2 s
+PRIOR_WEIGHT = 4.0
 MIN_LEARNT = 0.04  # s, keeps λ finite before anything is learnt
 SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
 UNKNOWN = 1.0  # m² or rad², variance of a forecast whose errors are unknown
 MIN_STEP = 0.1  # 1/s, squared step divided by the noise density: smaller steps earn little trust
 LONGEST_STEP = 0.15  # s between estimates: over a longer time the motion is unknown
-ERROR, RIGHT, STEP = range(
-    3
-)  # scores: squared error, step times the ideal step, squared step
+ROUNDING = 1e-6  # s, of stamps
+# scores: squared error, step times the ideal step, squared step
+ERROR, RIGHT, STEP = range(3)
+
+
+class Sample(NamedTuple):
+    """Forecast of all axes after an estimate, with the parameters of `Continuation.add`."""
+
+    stamp: float
+    interval: float
+    level: np.ndarray
+    seen: np.ndarray
+    forecasts: np.ndarray
 
 
 class Continuation:
     """
     Learnt weights of the features for every axis and a group of horizons.
+
+    `Learning` adds each sample, and learns and solves in turns.
 
     Parameters
     ----------
@@ -79,19 +91,25 @@ class Continuation:
     """
 
     def __init__(self, axes: int, group: slice) -> None:
-        self._group, self._horizons = group, HORIZONS[group]
-        self._samples: deque[tuple[Any, ...]] = deque()
+        self._group = group
+        self._horizons = HORIZONS[group]
+        self._samples: deque[Sample] = deque()
         self._squares = np.zeros((axes, FEATURES, FEATURES))  # G
         self._moves = np.zeros((axes, FEATURES, len(self._horizons)))  # M
-        self.learnt, self._elapsed = np.zeros(axes), 0.0  # s
+        self.learnt = np.zeros(axes)
+        self._elapsed = 0.0  # s, without forgetting
         self._scores = np.zeros((3, axes, len(self._horizons)))
         self._scores[ERROR] = UNKNOWN
+
+    @property
+    def begin(self) -> float:
+        """Return the stamp of the oldest sample, which is not learnt yet [s]."""
+        return self._samples[0].stamp if self._samples else math.inf
 
     def add(
         self,
         stamp: float,
         interval: float,
-        values: np.ndarray,
         level: np.ndarray,
         seen: np.ndarray,
         forecasts: np.ndarray,
@@ -103,9 +121,8 @@ class Continuation:
         ----------
         stamp, interval : float
             Time of the estimate, and time since the previous estimate [s].
-        values, level : numpy.ndarray, shape (axes,)
-            Positions, and the positions from which moves count [m or rad]. The values may be
-            changed in place until they are learnt.
+        level : numpy.ndarray, shape (axes,)
+            Positions from which moves count [m or rad].
         seen : numpy.ndarray, shape (axes, FEATURES)
             Features φ [m or rad].
         forecasts : numpy.ndarray, shape (3, axes, HORIZONS)
@@ -113,9 +130,13 @@ class Continuation:
             [m or rad].
 
         """
-        self._samples.append((stamp, interval, values, level, seen, forecasts))
+        self._samples.append(Sample(stamp, interval, level, seen, forecasts))
 
-    def learn(self, noise: np.ndarray) -> None:
+    def weaken(self, share: np.ndarray) -> None:
+        """Reduce the learnt time of each axis to a share of it."""
+        self.learnt = self.learnt * share
+
+    def learn(self, noise: np.ndarray, positions: Positions) -> None:
         """
         Learn from the samples whose longest horizon has passed.
 
@@ -125,47 +146,71 @@ class Continuation:
         ----------
         noise : numpy.ndarray, shape (axes,)
             Variance of the estimates' noise [m² or rad²].
+        positions : Positions
+            Of all samples [m or rad].
 
         """
-        stamps = np.array([stamp for stamp, *_ in self._samples])
-        count = int(stamps.searchsorted(stamps[-1] - self._horizons[-1] + 1e-6))
+        stamps = np.array([sample.stamp for sample in self._samples])
+        end = stamps[-1] - self._horizons[-1] + ROUNDING
+        count = int(stamps.searchsorted(end))
         if not count:
             return
-        values = np.array([sample[2] for sample in self._samples]).T
-        # Interpolate the positions that were reached after the horizons, and the variance of their
-        # noise. Samples with a gap there get the weight 0.
+
+        # positions that were reached after the horizons, and the variance of their noise
         later = stamps[:count, None] + self._horizons
-        after = np.minimum(np.maximum(stamps.searchsorted(later), 1), len(stamps) - 1)
+        after = stamps.searchsorted(later)
+        after = np.minimum(np.maximum(after, 1), len(stamps) - 1)
         steps = stamps[after] - stamps[after - 1]
         share = (later - stamps[after - 1]) / steps
+        values = positions.since(stamps[0])
         reached = (1.0 - share) * values[:, after - 1] + share * values[:, after]
         spread = ((1.0 - share) ** 2 + share**2) * noise[:, None, None]
-        _, intervals, _, level, features, forecasts = (
-            np.array(part)
-            for part in zip(
-                *(self._samples.popleft() for _ in range(count)), strict=True
-            )
-        )
+
+        samples = [self._samples.popleft() for _ in range(count)]
+        intervals = np.array([sample.interval for sample in samples])
         intervals = np.minimum(intervals, LONGEST_STEP)
-        self._elapsed += (duration := float(intervals.sum()))
+        duration = float(intervals.sum())
+        self._elapsed += duration
+        # samples with a gap at a horizon get the weight 0
         weights = intervals * (steps <= LONGEST_STEP).all(axis=1)
-        # Score the forecasts by the positions that were reached.
-        forecast, continued, step = forecasts.transpose(1, 2, 0, 3)[..., self._group]
-        scores = np.array(
-            ((forecast - reached) ** 2 - spread, step * (reached - continued), step**2)
-        )
+        self._score(samples, weights, reached, spread, noise)
+        self._add_moments(samples, weights, reached, duration)
+
+    def _score(
+        self,
+        samples: list[Sample],
+        weights: np.ndarray,
+        reached: np.ndarray,
+        spread: np.ndarray,
+        noise: np.ndarray,
+    ) -> None:
+        """Score the forecasts of samples by the positions that were reached."""
+        forecasts = np.array([sample.forecasts for sample in samples])
+        forecasts = forecasts.transpose(1, 2, 0, 3)[..., self._group]
+        forecast, continued, step = forecasts
+        error = (forecast - reached) ** 2 - spread
+        right = step * (reached - continued)
+        scores = np.array((error, right, step**2))
+
         known = max(weights.sum(), 1e-9)
-        self._scores += (
-            known
-            / min(SCORE_TIME, self._elapsed)
-            * (np.einsum('c,kach->kah', weights / known, scores) - self._scores)
-        )
+        mean = np.einsum('c,kach->kah', weights / known, scores)
+        share = known / min(SCORE_TIME, self._elapsed)
+        self._scores += share * (mean - self._scores)
         # Estimates better than their variance do not compensate later errors.
         self._scores[ERROR] = np.maximum(self._scores[ERROR], -noise[:, None])
-        # Forget a part of the moments, and add those of the samples.
-        kept = math.exp(-duration / min(START_SHARE * self._elapsed, MEMORY))
-        features = features.swapaxes(0, 1)
+
+    def _add_moments(
+        self,
+        samples: list[Sample],
+        weights: np.ndarray,
+        reached: np.ndarray,
+        duration: float,
+    ) -> None:
+        """Forget a part of the moments after a duration [s], and add those of samples."""
+        features = np.array([sample.seen for sample in samples]).swapaxes(0, 1)
+        level = np.array([sample.level for sample in samples])
         weighted = (features * weights[:, None]).swapaxes(1, 2)
+        kept = math.exp(-duration / min(START_SHARE * self._elapsed, MEMORY))
         self._squares = kept * self._squares + weighted @ features
         self._moves = kept * self._moves + weighted @ (reached - level.T[..., None])
         self.learnt = kept * self.learnt + weights.sum()
@@ -186,17 +231,24 @@ class Continuation:
             Variance of the fitted tones at present, divided by that density [1/s].
 
         """
-        sway, white = sway_moments(), noise_moments()
+        sway = sway_moments()
+        white = noise_moments()
+        group = self._group
+
+        # the equation of the weights, with the prior's moments times λ a² and λ r
         prior = PRIOR_WEIGHT / np.maximum(self.learnt, MIN_LEARNT)  # λ [s]
-        a, r = ((prior * part)[:, None, None] for part in (strength, density))
-        self.weights = np.linalg.solve(
-            self._squares + a * sway.features + r * white.features,
-            self._moves + (a * sway.moves + r * white.moves)[..., self._group],
-        )
+        a = (prior * strength)[:, None, None]
+        r = (prior * density)[:, None, None]
+        squares = self._squares + a * sway.features + r * white.features
+        moves = self._moves + (a * sway.moves + r * white.moves)[..., group]
+        self.weights = np.linalg.solve(squares, moves)
+
+        # trust k minimises the squared errors of continued + k step
         share = self._scores[RIGHT] / (self._scores[STEP] + MIN_STEP * density[:, None])
         self.trust = np.minimum(np.maximum(share, 0.0), 1.0)
+
         # Errors far below the noise cannot be measured: the propagated noise is the minimum.
-        crossed = white.features @ self.weights - 2.0 * white.moves[:, self._group]
+        crossed = white.features @ self.weights - 2.0 * white.moves[:, group]
         continued = white.level_variance + (self.weights * crossed).sum(axis=1)
         gain = (1.0 - self.trust) ** 2 * continued + self.trust**2 * tones[:, None]
         self.variances = np.maximum(self._scores[ERROR], gain * density[:, None])

@@ -20,9 +20,8 @@ from facade_manipulator.kinematics.planar import wrap_angle
 from facade_manipulator.parameters import parameter, settings
 
 OLDEST_ESTIMATE = 0.3  # s: an older estimate is stale
-FUTURE_TOLERANCE = (
-    0.01  # s, lead of the estimator's clock: synchronised clocks differ by less
-)
+# s, lead of the estimator's clock: synchronised clocks differ by less
+FUTURE_TOLERANCE = 0.01
 FASTEST = 1.0  # m/s or rad/s: a gondola is slower
 LARGEST_JUMP = 0.03  # m or rad, change between two estimates in addition to FASTEST
 # Minimum interval between two estimates that the predictor learns from [s]: learning at 100 Hz
@@ -94,9 +93,8 @@ class Estimate(NamedTuple):
     stamp: float
     pose: Pose
     variances: tuple[float, ...]  #: [m², m², rad²]
-    known: tuple[bool, ...] = (
-        ALL_KNOWN  #: known axes; others have their last known value
-    )
+    #: known axes; others have their last known value
+    known: tuple[bool, ...] = ALL_KNOWN
 
 
 NO_ESTIMATE = Estimate(-math.inf, ZERO_POSE, ())  # after it any change is possible
@@ -109,11 +107,8 @@ class EstimateGate:
         self.settings = settings
         self._last = NO_ESTIMATE  # as published
         self._known = ZERO_POSE  # last known pose of the rail along each axis
-        self._noise = (
-            settings.position_noise,
-            settings.position_noise,
-            settings.yaw_noise,
-        )
+        position = settings.position_noise
+        self._noise = (position, position, settings.yaw_noise)
         self._mounting = Pose(*settings.mounting)
         cosine = _square(math.cos(settings.axes))
         sine = _square(math.sin(settings.axes))
@@ -166,35 +161,34 @@ class EstimateGate:
                 f'disturbance is tilted by {tilt:.4g} rad out of the plane, above the '
                 f'limit {LARGEST_TILT:g} rad; next: check the estimator',
             )
-        measured = tuple(
-            [
-                is_measured(variance, largest)
-                for variance, largest in zip(
-                    variances, self.settings.largest_deviation, strict=True
-                )
-            ]
-        )
+
+        largest = self.settings.largest_deviation
+        measured = tuple(map(is_measured, variances, largest))
         place = self._of_rail(pose)
         known = tuple([self._is_known(row, measured) for row in self._squares])
         self._check_range(place, known)
         require_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
         if self._last.stamp - now > FUTURE_TOLERANCE:
-            self._last = (
-                NO_ESTIMATE  # the clock was set back: its stamps are meaningless
-            )
+            # the clock was set back: its stamps are meaningless
+            self._last = NO_ESTIMATE
         self._check_step(stamp, pose, measured)
 
-        published = tuple(
-            [
-                used_variance(variance, noise) if is_axis_measured else noise**2
-                for variance, noise, is_axis_measured in zip(
-                    variances, self._noise, measured, strict=True
-                )
-            ]
-        )
+        published = self._published(variances, measured)
         if stamp > self._last.stamp:
             self._last = Estimate(stamp, pose, published, measured)
         return self._estimate(stamp, place, published, known)
+
+    def _published(
+        self, variances: Sequence[float], measured: Sequence[bool]
+    ) -> tuple[float, ...]:
+        """Return the variances of the published axes, those of the settings if not measured."""
+        published = []
+        for variance, noise, is_axis_measured in zip(
+            variances, self._noise, measured, strict=True
+        ):
+            used = used_variance(variance, noise) if is_axis_measured else noise**2
+            published.append(used)
+        return tuple(published)
 
     def _of_rail(self, pose: Pose) -> Pose:
         """Return the pose of the rail for a published disturbance, with θ wrapped."""
@@ -205,12 +199,10 @@ class EstimateGate:
     @staticmethod
     def _is_known(squares: Sequence[float], measured: Sequence[bool]) -> bool:
         """Return whether all published axes that an axis of the rail depends on were measured."""
-        return all(
-            [
-                is_axis_measured or not square
-                for square, is_axis_measured in zip(squares, measured, strict=True)
-            ]
-        )
+        for square, is_axis_measured in zip(squares, measured, strict=True):
+            if square and not is_axis_measured:
+                return False
+        return True
 
     @staticmethod
     def _check_range(place: Pose, known: Sequence[bool]) -> None:
@@ -227,7 +219,8 @@ class EstimateGate:
 
     def _check_step(self, stamp: float, pose: Pose, known: Sequence[bool]) -> None:
         """Reject a stamp that is out of order, and an impossible change of a known axis."""
-        last, elapsed = self._last, stamp - self._last.stamp
+        last = self._last
+        elapsed = stamp - last.stamp
         if elapsed <= -MIN_INTERVAL or elapsed == 0.0:
             raise InputError.out_of_order('disturbance', -elapsed)
         allowed = LARGEST_JUMP + FASTEST * abs(elapsed)
@@ -249,18 +242,19 @@ class EstimateGate:
         known: tuple[bool, ...],
     ) -> Estimate:
         """Return the estimate of the rail, at rest along unknown axes."""
+        x, y, theta = place
+        last = self._known
+        is_x_known, is_y_known, is_theta_known = known
         self._known = Pose(
-            *[
-                new if is_known else last
-                for new, last, is_known in zip(place, self._known, known, strict=True)
-            ]
+            x if is_x_known else last.x,
+            y if is_y_known else last.y,
+            theta if is_theta_known else last.theta,
         )
-        variances = [
-            sum(map(mul, row, published)) if is_known else noise**2
-            for row, noise, is_known in zip(
-                self._squares, self._noise, known, strict=True
-            )
-        ]
+
+        variances = []
+        for row, noise, is_known in zip(self._squares, self._noise, known, strict=True):
+            variance = sum(map(mul, row, published)) if is_known else noise**2
+            variances.append(variance)
         return Estimate(stamp, self._known, tuple(variances), known)
 
     def displacement(self, place: Pose) -> Pose:

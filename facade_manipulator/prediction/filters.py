@@ -31,23 +31,23 @@ ACCELERATION = 3 * LEVEL + 1  # index of the level filter's a/ω² in the featur
 
 _POLES = np.array(
     (-1.0, np.exp(2j * np.pi / 3.0))
-)  # the third is the conjugate of the second
-# residues of position, velocity and acceleration
+)  # the third: conjugate of the second
+# numerators of position, velocity and acceleration, and Butterworth's third order
 _NUMERATORS = np.array(((2.0, 2.0, 1.0), (2.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
-_DENOMINATOR = np.array((1.0, 2.0, 2.0, 1.0))  # Butterworth's third order
-_RESIDUES = np.array(
-    [
-        [
-            np.polyval(row, pole) / np.polyval(np.polyder(_DENOMINATOR), pole)
-            for row in _NUMERATORS
-        ]
-        for pole in _POLES
-    ]
-)
-_STATES = (
-    _RESIDUES * np.array((1.0, 2.0))[:, None] / -_POLES[:, None]
-)  # by mode, real part
+_DENOMINATOR = np.array((1.0, 2.0, 2.0, 1.0))
 _RATES = BANDWIDTHS[:, None] * _POLES
+
+
+def _states_by_modes() -> np.ndarray:
+    """Return the matrix from both modes of a filter to p, v/ω and a/ω², by their real part."""
+    slope = np.polyder(_DENOMINATOR)
+    rows = []
+    for pole in _POLES:
+        numerators = [np.polyval(row, pole) for row in _NUMERATORS]
+        rows.append(np.array(numerators) / np.polyval(slope, pole))
+    residues = np.array(rows)
+    shares = np.array((1.0, 2.0))  # the second mode also stands for its conjugate
+    return residues * shares[:, None] / -_POLES[:, None]
 
 
 def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -81,12 +81,14 @@ def response(frequencies: np.ndarray) -> np.ndarray:
 
 # from real and imaginary parts of the modes to features and level
 _UNITS = np.eye(2 * _RATES.size).view(complex).reshape(-1, *_RATES.shape)
-_OUTPUT = np.column_stack(features((_UNITS @ _STATES).real))
+_OUTPUT = np.column_stack(features((_UNITS @ _states_by_modes()).real))
 
 
 class FilterBank:
     """
     Filters of several axes, initially at rest at 0.
+
+    The predictor updates them with each estimate, and ends doubts about the estimates.
 
     Parameters
     ----------
@@ -96,18 +98,40 @@ class FilterBank:
     ----------
     modes : numpy.ndarray, shape (axes, bandwidths, 2)
         Modes z of the poles −ω and ω exp(2πi/3) of every filter [m or rad].
+    doubted : numpy.ndarray, shape (axes, bandwidths, 2)
+        Part of the modes that errors of doubted estimates have caused [m or rad].
 
     """
 
     def __init__(self, axes: int) -> None:
         self.modes = np.zeros((axes, *_RATES.shape), complex)
+        self.doubted = np.zeros_like(self.modes)
 
-    def update(self, interval: float, values: np.ndarray) -> None:
-        """Update with positions, shape (axes,) [m or rad], that hold for an interval [s]."""
+    def update(
+        self, interval: float, values: np.ndarray, doubted: np.ndarray | None = None
+    ) -> None:
+        """
+        Update with positions that hold for an interval [s].
+
+        Parameters
+        ----------
+        interval : float
+        values : numpy.ndarray, shape (axes,)
+            [m or rad].
+        doubted : numpy.ndarray, shape (axes,), optional
+            Errors of doubted estimates in the values; omitted if no axis is in doubt [m or rad].
+
+        """
         decay = np.exp(interval * _RATES)
-        self.modes = values[:, None, None] + decay * (
-            self.modes - values[:, None, None]
-        )
+        self.modes = _held(self.modes, decay, values)
+        if doubted is not None:
+            self.doubted = _held(self.doubted, decay, doubted)
+
+    def end_doubt(self, were_wrong: np.ndarray, is_doubted: np.ndarray) -> None:
+        """Remove the effect of wrong estimates, and forget that of axes without doubt."""
+        wrong = np.where(were_wrong[:, None, None], self.doubted, 0.0)
+        self.modes = self.modes - wrong
+        self.doubted = np.where(is_doubted[:, None, None], self.doubted, 0.0)
 
     def features(
         self, without: np.ndarray | float = 0.0
@@ -121,5 +145,12 @@ class FilterBank:
             Modes to subtract [m or rad].
 
         """
-        seen = (self.modes - without).view(float).reshape(len(self.modes), -1) @ _OUTPUT
+        modes = self.modes - without
+        seen = modes.view(float).reshape(len(modes), -1) @ _OUTPUT
         return seen[:, :-1], seen[:, -1]
+
+
+def _held(modes: np.ndarray, decay: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return the modes after a time in which values hold: z = y + exp(λ t) (z₀ − y)."""
+    held = values[:, None, None]
+    return held + decay * (modes - held)

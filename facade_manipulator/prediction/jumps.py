@@ -40,13 +40,11 @@ DOUBT = 2.0  # standard deviations: estimates with a larger error are doubted
 JUMP = 9.0  # squared errors explained by a jump, above which the end of the jump is awaited
 ODDS = 6.5  # twice the logarithm of the likelihood ratio above which estimates count as wrong
 STEP_ODDS = 20.0  # the same above which an error that lasts is a step: a wind that begins gives 15
-DECISION_TIME = (
-    0.25  # s of doubt, after which the detector decides between motion and step
-)
+# s of doubt, after which the detector decides between motion and step
+DECISION_TIME = 0.25
 MOVING_TIME = 2.0  # s after such a motion in which a push may have any strength
-PUSH_TIMES = np.array((1.0, 2.0, 4.0))[
-    :, None
-]  # t₀ of a push, as multiples of its minimum
+# t₀ of a push, as multiples of its minimum
+PUSH_TIMES = np.array(((1.0,), (2.0,), (4.0,)))
 
 
 class JumpDecision(enum.Enum):
@@ -79,10 +77,10 @@ class JumpDetector:
         self._acceleration = acceleration
         self._since = math.inf  # begin of the doubt [s]
         self._moved = -math.inf  # last decision for a motion [s]
-        self._past: deque[tuple[float, float, float]] = (
-            deque()
-        )  # stamp, error, deviation
-        self.is_doubted = self.is_wrong = False
+        # stamp, error, deviation
+        self._past: deque[tuple[float, float, float]] = deque()
+        self.is_doubted = False
+        self.is_wrong = False
 
     def evaluate(
         self, stamp: float, error: float, deviation: float, is_followed: bool
@@ -107,30 +105,47 @@ class JumpDetector:
         is_far = abs(error) > DOUBT * deviation
         if not (self.is_doubted or is_far):
             return JumpDecision.UNDECIDED
-        self._since = self._since if self.is_doubted else stamp
+
+        if not self.is_doubted:
+            self._since = stamp
         jump, odds = self._odds()
         is_late = stamp - self._since >= DECISION_TIME
         is_small = jump < JUMP or abs(error) < 0.5 * DOUBT * deviation
-        decisions = {
-            JumpDecision.WRONG: not is_far
-            and (self.is_wrong or not (is_late or is_followed)),
-            JumpDecision.NOISE: not (is_late or is_far) and is_small,
-            JumpDecision.STEP: is_late and self.is_wrong and odds > STEP_ODDS,
-            JumpDecision.MOTION: is_late and not self.is_wrong and is_followed,
-        }
-        decision = next(
-            (one for one, applies in decisions.items() if applies),
-            JumpDecision.UNDECIDED,
-        )
+        decision = self._decision(is_far, is_late, is_small, is_followed, odds)
+
         if is_late and decision is not JumpDecision.STEP:
             self._moved = stamp
         self.is_doubted = decision is JumpDecision.UNDECIDED
-        bound = 0.0 if self.is_wrong else ODDS if is_far else math.inf
-        self.is_wrong = self.is_doubted and not is_late and odds > bound
+        self.is_wrong = self.is_doubted and not is_late and odds > self._bound(is_far)
         # Errors that turned out to be noise are kept; explained errors are dropped.
         if decision not in (JumpDecision.UNDECIDED, JumpDecision.NOISE):
             self._past = deque((past, 0.0, spread) for past, _, spread in self._past)
         return decision
+
+    def _decision(
+        self,
+        is_far: bool,
+        is_late: bool,
+        is_small: bool,
+        is_followed: bool,
+        odds: float,
+    ) -> JumpDecision:
+        """Return the first decision that applies, undecided if none does."""
+        if not is_far and (self.is_wrong or not (is_late or is_followed)):
+            return JumpDecision.WRONG
+        if is_small and not (is_late or is_far):
+            return JumpDecision.NOISE
+        if is_late and self.is_wrong and odds > STEP_ODDS:
+            return JumpDecision.STEP
+        if is_late and is_followed and not self.is_wrong:
+            return JumpDecision.MOTION
+        return JumpDecision.UNDECIDED
+
+    def _bound(self, is_far: bool) -> float:
+        """Return the odds above which estimates in doubt count as wrong."""
+        if self.is_wrong:
+            return 0.0
+        return ODDS if is_far else math.inf
 
     def _odds(self) -> tuple[float, float]:
         """
@@ -140,19 +155,23 @@ class JumpDetector:
         errors have the opposite sign.
         """
         stamps, errors, deviations = np.array(self._past).T
-        weights, since = deviations**-2, self._since
+        weights = deviations**-2
+        since = self._since
         begin = stamps.searchsorted(since)
+
+        # q = (1 + t/t₀)² with t₀ = sqrt(4 σ/A), in which an error of 2 σ shows
         t0 = math.sqrt(4.0 * deviations[begin] / self._acceleration)
-        q = (
-            2.0
-            * deviations[begin]
-            * np.maximum(1.0 + (stamps - since) / (t0 * PUSH_TIMES), 0.0) ** 2
-        )
-        along, squares = q @ (weights * errors), q**2 @ weights + 1.0
+        risen = np.maximum(1.0 + (stamps - since) / (t0 * PUSH_TIMES), 0.0)
+        q = 2.0 * deviations[begin] * risen**2
+
+        # b (2 Σ z q − b (Σ q² + 1)), greatest for b = Σ z q/(Σ q² + 1)
+        along = q @ (weights * errors)
+        squares = q**2 @ weights + 1.0
         share = along / squares
         if since + DECISION_TIME > stamps[-1] > self._moved + MOVING_TIME:
             share = np.minimum(np.maximum(share, -1.0), 1.0)
         push = share * (2.0 * along - share * squares)
+
         ends = -np.sign(errors[-1]) * _explained(errors[:begin], weights[:begin])
         jump = float(abs(_explained(errors, weights)).max())
         return jump, jump - float(push.max() + ends.max(initial=0.0))

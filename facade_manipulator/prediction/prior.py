@@ -16,9 +16,8 @@ import numpy as np
 
 from facade_manipulator.prediction.filters import features, response
 
-HORIZONS = np.array(
-    (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6)
-)  # s, after the newest estimate
+# s, after the newest estimate
+HORIZONS = np.array((0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6))
 SWAY_BAND = (0.05, 0.8)  # Hz: from 100 m of cable to a stiff guide
 SWAY_SLOPE = -4.0  # of the position's spectral density
 NOISE_BAND = (0.0025, 25.0)  # Hz: the passband of the filters
@@ -66,9 +65,10 @@ def noise_moments() -> Moments:
 def _moments(states: np.ndarray, power: np.ndarray, later: np.ndarray) -> Moments:
     """Return the moments of tones of a given power that become `later` after the horizons."""
     tones, level = features(states)
+    moves = later - level[:, None]
     weighted = power[:, None] * tones.conj()
     return Moments(
-        (weighted.T @ tones).real,
-        (weighted.T @ (later - level[:, None])).real,
-        float(power @ np.abs(level) ** 2),
+        features=(weighted.T @ tones).real,
+        moves=(weighted.T @ moves).real,
+        level_variance=float(power @ np.abs(level) ** 2),
     )

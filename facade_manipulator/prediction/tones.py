@@ -29,9 +29,8 @@ BLOCKS = 400  # maximum number in the window of the fit
 SHORTEST = 3.0  # s, minimum length of the window
 MOST_TONES = 7  # of an axis: a false tone must leave room for a true tone
 FASTEST = 12.0  # rad/s
-SIGNIFICANT = (
-    20.0  # minimum power of a tone in the periodogram divided by the power of the noise
-)
+# minimum power of a tone in the periodogram divided by the power of the noise
+SIGNIFICANT = 20.0
 MAX_TURN = 1.0  # rad, change of a tone's phase over the window in one step
 MIN_DISTANCE = 1.0  # rad, between the phases of two tones over the window
 POINTS = 1024  # of the periodogram
@@ -55,20 +54,24 @@ class Tones:
 
     def __init__(self, axes: int) -> None:
         self.noise_gain = np.full(axes, 5.0 / SHORTEST)
-        self._first, self._sum = math.inf, np.zeros(axes + 2)
-        self._blocks = np.zeros(
-            (0, axes + 2)
-        )  # mean stamp, mean values, number of estimates
+        self._first = math.inf  # stamp of the first estimate in the present block [s]
+        self._sum = np.zeros(axes + 2)  # of stamps, values and ones in this block
+        # mean stamp, mean values, number of estimates
+        self._blocks = np.zeros((0, axes + 2))
+        # the last fits: the phases of the amplitudes are those at the stamps
+        self._stamps = np.zeros(axes)
+        self._constants = np.zeros(axes)
         self._frequencies = np.zeros((axes, MOST_TONES))
         self._amplitudes = np.zeros((axes, MOST_TONES), complex)
-        self._constants, self._stamps = np.zeros((2, axes))
 
     def add(self, stamp: float, values: np.ndarray) -> None:
         """Add an estimate at a stamp [s]: one position for each axis [m or rad]."""
         if stamp - self._first > BLOCK:
-            mean = np.append(self._sum[:-1] / self._sum[-1], self._sum[-1])
+            number = self._sum[-1]
+            mean = np.append(self._sum[:-1] / number, number)
             self._blocks = np.vstack((self._blocks[1 - BLOCKS :], mean))
-            self._first, self._sum = math.inf, 0.0 * self._sum
+            self._first = math.inf
+            self._sum = 0.0 * self._sum
         self._first = min(self._first, stamp)
         self._sum += (stamp, *values.tolist(), 1.0)
 
@@ -76,10 +79,8 @@ class Tones:
         """Return the positions at times [s] after a stamp [s], shape (axes, times) [m or rad]."""
         times = (stamp - self._stamps)[:, None] + ahead
         waves = np.exp(1j * times[..., None] * self._frequencies[:, None])
-        return (
-            self._constants[:, None]
-            + (waves @ self._amplitudes[..., None])[..., 0].real
-        )
+        sums = (waves @ self._amplitudes[..., None])[..., 0]
+        return self._constants[:, None] + sums.real
 
     def fit(self, axis: int, variance: float) -> None:
         """Improve the fit of an axis by one step, for a variance of the estimates [m² or rad²]."""
@@ -87,25 +88,29 @@ class Tones:
         span = stamps[-1] - stamps[0] if len(stamps) else 0.0
         if span < SHORTEST or stamps[-1] == self._stamps[axis]:
             return
+
         size = sizes.mean()
         window = _Window(
-            stamps - stamps[-1],
-            values,
-            values.var(),
-            variance / size,
-            span / (len(stamps) - 1),
-            size,
+            times=stamps - stamps[-1],
+            values=values,
+            variance=values.var(),
+            noise=variance / size,
+            block=span / (len(stamps) - 1),
+            size=size,
         )
-        known = self._amplitudes[axis] != 0.0
-        frequencies = self._frequencies[axis, known]
+        is_known = self._amplitudes[axis] != 0.0
+        frequencies = self._frequencies[axis, is_known]
         turns = np.exp(1j * frequencies * (stamps[-1] - self._stamps[axis]))
-        frequencies, amplitudes, self._constants[axis] = window.fit(
-            frequencies, turns * self._amplitudes[axis, known]
-        )
-        self._amplitudes[axis], self._stamps[axis] = 0.0, stamps[-1]
-        self._amplitudes[axis, : len(amplitudes)] = amplitudes
-        self._frequencies[axis, : len(amplitudes)] = frequencies
-        self.noise_gain[axis] = 5.0 * (len(amplitudes) + 1) / span
+        amplitudes = turns * self._amplitudes[axis, is_known]
+        frequencies, amplitudes, constant = window.fit(frequencies, amplitudes)
+
+        count = len(amplitudes)
+        self._stamps[axis] = stamps[-1]
+        self._constants[axis] = constant
+        self._frequencies[axis, :count] = frequencies
+        self._amplitudes[axis] = 0.0
+        self._amplitudes[axis, :count] = amplitudes
+        self.noise_gain[axis] = 5.0 * (count + 1) / span
 
 
 class _Window(NamedTuple):
@@ -122,20 +127,22 @@ class _Window(NamedTuple):
         self, frequencies: np.ndarray, amplitudes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, float]:
         """Return frequencies [rad/s], amplitudes and constant after one step."""
-        most = -MAX_TURN / self.times[0]
         if len(frequencies):
+            largest = -MAX_TURN / self.times[0]
             _, amplitudes, changes, _ = self._solve(frequencies, amplitudes)
-            frequencies = frequencies + np.minimum(np.maximum(changes, -most), most)
-            frequencies = frequencies[
-                self._distinct(frequencies, np.abs(amplitudes) ** 2)
-            ]
+            changes = np.minimum(np.maximum(changes, -largest), largest)
+            frequencies = frequencies + changes
+            power = np.abs(amplitudes) ** 2
+            frequencies = frequencies[self._distinct(frequencies, power)]
+
         # Without this second solution the amplitudes of new tones become right later.
         constant, amplitudes, _, residual = self._solve(frequencies)
-        if len(frequencies) < MOST_TONES and len(new := self._strongest(residual)):
-            frequencies = np.append(frequencies, new)
-            amplitudes = np.append(
-                amplitudes, 2.0 / len(residual) * (residual @ self._waves(-new))
-            )
+        if len(frequencies) < MOST_TONES:
+            new = self._strongest(residual)
+            if len(new):
+                wave = residual @ self._waves(-new)
+                frequencies = np.append(frequencies, new)
+                amplitudes = np.append(amplitudes, 2.0 / len(residual) * wave)
         return frequencies, amplitudes, constant
 
     def _waves(self, frequencies: np.ndarray) -> np.ndarray:
@@ -154,19 +161,21 @@ class _Window(NamedTuple):
 
         Without given amplitudes the frequencies do not change.
         """
-        waves, count = self._waves(frequencies), len(frequencies)
+        waves = self._waves(frequencies)
+        count = len(frequencies)
+
+        # columns of the constant, of the real and imaginary amplitudes, and of the changes
         columns = [np.ones((len(waves), 1)), waves.real, -waves.imag]
         if amplitudes is not None:
-            columns.append((1j * self.times[:, None] * waves * amplitudes).real)
+            slopes = 1j * self.times[:, None] * waves * amplitudes
+            columns.append(slopes.real)
         matrix = np.hstack(columns)
         ridge = np.full(matrix.shape[1], self.noise / (self.variance + self.noise))
-        ridge[0], ridge[2 * count + 1 :] = (
-            0.0,
-            self.noise * (self.times[0] / MAX_TURN) ** 2,
-        )
-        found = np.linalg.solve(
-            matrix.T @ matrix + np.diag(ridge), matrix.T @ self.values
-        )
+        ridge[0] = 0.0
+        ridge[2 * count + 1 :] = self.noise * (self.times[0] / MAX_TURN) ** 2
+
+        square = matrix.T @ matrix + np.diag(ridge)
+        found = np.linalg.solve(square, matrix.T @ self.values)
         real, imaginary = found[1 : 2 * count + 1].reshape(2, count)
         residual = self.values - matrix @ found
         return found[0], real + 1j * imaginary, found[2 * count + 1 :], residual
@@ -175,23 +184,25 @@ class _Window(NamedTuple):
         """Return a mask of the tones above the noise and separate from stronger tones."""
         apart = -MIN_DISTANCE / self.times[0]
         is_near = np.abs(frequencies[:, None] - frequencies) < apart
-        return (
-            (power * len(self.times) > 2.0 * SIGNIFICANT * self.noise)
-            & (frequencies > apart)
-            & (frequencies < FASTEST)
-            & ~(is_near & (power[:, None] < power)).any(axis=1)
-        )
+        is_weaker = power[:, None] < power
+        is_double = (is_near & is_weaker).any(axis=1)
+        is_above_noise = power * len(self.times) > 2.0 * SIGNIFICANT * self.noise
+        is_in_band = (frequencies > apart) & (frequencies < FASTEST)
+        return is_above_noise & is_in_band & ~is_double
 
     def _strongest(self, residual: np.ndarray) -> np.ndarray:
         """Return the frequency [rad/s] of the strongest tone, empty if it is below the noise."""
-        span, count = -self.times[0], len(residual)
-        even = np.interp(
-            -span / (count - 1) * np.arange(count - 1, -1, -1), self.times, residual
-        )
+        span = -self.times[0]
+        count = len(residual)
+
+        # periodogram of the residual at equal intervals
+        times = -span / (count - 1) * np.arange(count - 1, -1, -1)
+        even = np.interp(times, self.times, residual)
         power = np.abs(np.fft.rfft(even, POINTS)) ** 2
-        frequencies = (
-            np.pi * np.arange(len(power)) / (len(power) - 1) * (count - 1) / span
-        )
+        last = len(power) - 1
+        frequencies = np.pi * np.arange(len(power)) / last * (count - 1) / span
+
         power[(frequencies < np.pi / span) | (frequencies > FASTEST)] = 0.0
         peak = power.argmax()
-        return frequencies[[peak]][power[[peak]] > SIGNIFICANT * count * self.noise]
+        is_significant = power[[peak]] > SIGNIFICANT * count * self.noise
+        return frequencies[[peak]][is_significant]

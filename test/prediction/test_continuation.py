@@ -12,6 +12,7 @@ from facade_manipulator.prediction.filters import (
     FilterBank,
     response,
 )
+from facade_manipulator.prediction.positions import Positions
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
 NEAR = slice(0, 4)
@@ -101,6 +102,7 @@ def test_noise_gains_equal_those_of_white_noise():
 def learnt(seconds, weights, noise=0.0):
     """Return a continuation that has learnt moves of 0.2 s given by weights of the features."""
     random, continuation, past = np.random.default_rng(0), Continuation(1, NEAR), []
+    positions = Positions()
     continuation.solve(NO_NOISE, NO_NOISE, NO_TONES)
     for stamp in 0.05 * np.arange(1, 20 * seconds):
         past.append(random.standard_normal((1, FEATURES)))
@@ -109,10 +111,11 @@ def learnt(seconds, weights, noise=0.0):
             value += past[-5][0] @ weights
         forecast, zero = np.zeros((2, 1, len(HORIZONS)))
         forecast[:, NEAR] = (past[-1][:, None] @ continuation.weights)[:, 0]
+        positions.add(stamp, value, np.zeros(1), False)
         continuation.add(
-            stamp, 0.05, value, np.zeros(1), past[-1], np.stack((zero, forecast, zero))
+            stamp, 0.05, np.zeros(1), past[-1], np.stack((zero, forecast, zero))
         )
-        continuation.learn(np.full(1, noise**2))
+        continuation.learn(np.full(1, noise**2), positions)
     continuation.solve(NO_NOISE, NO_NOISE, NO_TONES)
     return continuation
 
@@ -138,19 +141,19 @@ def test_trust_is_the_right_share_of_the_step(share):
         np.random.default_rng(3).standard_normal(520),
         Continuation(1, NEAR),
     )
-    noise, tones = np.full(1, 1e-3), np.full(1, 5.0)
+    noise, tones, positions = np.full(1, 1e-3), np.full(1, 5.0), Positions()
     for k in range(500):
         steps, zero = np.zeros((2, 1, len(HORIZONS)))
         steps[:, NEAR] = wave[k + 1 : k + 5]  # the next values, 0.05 s apart
+        positions.add(0.05 * k, share * wave[k : k + 1], np.zeros(1), False)
         continuation.add(
             0.05 * k,
             0.05,
-            share * wave[k : k + 1],
             np.zeros(1),
             np.zeros((1, FEATURES)),
             np.stack((zero, zero, steps)),
         )
-        continuation.learn(noise)
+        continuation.learn(noise, positions)
     continuation.solve(np.ones(1), noise, tones)
     assert continuation.trust == pytest.approx(np.full((1, 4), share), abs=1e-3)
     gain = (1.0 - share) ** 2 * 1e-3 * only_noise().variances + share**2 * tones

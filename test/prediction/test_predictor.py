@@ -12,12 +12,11 @@ import pytest
 
 from facade_manipulator.covariance import MIN_DEVIATION
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.prediction import predictor as module
+from facade_manipulator.prediction import doubt, reduction
+from facade_manipulator.prediction import predictor as predictor_module
 from facade_manipulator.prediction.estimate import FASTEST, LARGEST_JUMP, MIN_INTERVAL
-from facade_manipulator.prediction.predictor import (
-    DisturbancePredictor,
-    MAX_ACCELERATION,
-)
+from facade_manipulator.prediction.predictor import DisturbancePredictor
+from facade_manipulator.prediction.reduction import MAX_ACCELERATION
 
 pytestmark = pytest.mark.long
 
@@ -214,12 +213,9 @@ def predictions(motion, start=1000.0, scale=1.0, offset=0.0):
     """Return predictions for scaled estimates, with bounds that do not apply."""
     random, predictor, found = np.random.default_rng(3), DisturbancePredictor(), []
     with pytest.MonkeyPatch.context() as patch:
-        for bound, count in (
-            ('MAX_ACCELERATION', 3),
-            ('STRONGEST_PUSH', 3),
-            ('MOVES', 7),
-        ):
-            patch.setattr(module, bound, np.full(count, 50.0))
+        patch.setattr(reduction, 'MAX_ACCELERATION', np.full(3, 50.0))
+        patch.setattr(doubt, 'STRONGEST_PUSH', np.full(3, 50.0))
+        patch.setattr(predictor_module, 'MOVES', np.full(7, 50.0))
         for k in range(500):
             values = (
                 scale * (motion(k / 50.0) + NOISE * random.standard_normal(3)) + offset
@@ -360,7 +356,7 @@ def test_blow_is_followed_and_learnt_after_a_decision():
     learnt = after(BREEZE, 4.0, kicked)
     errors = np.abs(learnt.errors[1000:])
     assert errors.max() < 0.045 and errors[50:].max() < 0.02
-    stamps, *values, _ = learnt.predictor._tones._blocks.T
+    stamps, *values, _ = learnt.predictor._learning.tones._blocks.T
     expected = np.array([kicked(stamp - 1000.0) - kicked(0.0) for stamp in stamps])
     assert np.abs(np.transpose(values) - expected).max() < 5.0 * NOISE
 
@@ -395,7 +391,7 @@ def test_motion_at_the_start_is_not_a_step():
             )
             values = sway + NOISE * random.standard_normal(3)
             steps += predictor.update(time, Pose(*values.tolist()), VARIANCES)
-            wrong += predictor._is_wrong.sum()
+            wrong += predictor._doubt.is_wrong.sum()
     assert steps == 0
     assert wrong < 0.02 * 12 * 150 * 3
 

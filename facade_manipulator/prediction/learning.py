@@ -1,0 +1,144 @@
+"""
+Learning of the forecast in turns: a group of horizons of all axes, and the tones of one axis.
+
+All at once would take several milliseconds. The near horizons are learnt three times as often as
+the far horizons. The prior of the continuation needs the strength of the motion: the largest
+squared acceleration that the level filter has shown, with slow forgetting.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import cycle
+import math
+
+import numpy as np
+
+from facade_manipulator.prediction.continuation import Continuation, UNKNOWN
+from facade_manipulator.prediction.filters import ACCELERATION, BANDWIDTHS, LEVEL
+from facade_manipulator.prediction.positions import Positions
+from facade_manipulator.prediction.prior import HORIZONS, noise_moments
+from facade_manipulator.prediction.tones import Tones
+
+NEAR = slice(0, 4)  # groups of horizons
+FAR = slice(4, None)
+LEARNING_PERIOD = 0.14  # s
+PEAK_TIME = 20.0  # s, with which the largest estimated acceleration is forgotten
+PEAK_SHARE = (
+    0.1  # variance of the acceleration in the prior divided by the squared peak
+)
+# squared acceleration divided by the variance of its noise: less is not a motion
+NOISE_PEAK = 9.0
+GROWTH = 2.0  # of the squared acceleration, above which earlier learning weighs less
+ROUNDING = 1e-6  # s, of the time at which learning is due
+# from the level filter's feature a/ω² to the squared acceleration
+_SQUARED = BANDWIDTHS[LEVEL] ** 4
+# variance of the level filter's acceleration / noise density
+ACCELERATION_NOISE = _SQUARED * noise_moments().features[ACCELERATION, ACCELERATION]
+
+
+class Learning:
+    """
+    Everything that is learnt about the motion since a start.
+
+    The predictor passes each estimate to `update`, and the forecast that follows to `add`.
+
+    Parameters
+    ----------
+    stamp : float
+        Time of the start [s].
+    noise : numpy.ndarray, shape (axes,)
+        Variance of the estimates' noise [m² or rad²].
+    mean_interval : float
+        Mean time between estimates [s].
+
+    Attributes
+    ----------
+    tones : Tones
+    weights : numpy.ndarray, shape (axes, FEATURES, HORIZONS)
+    trust : numpy.ndarray, shape (axes, HORIZONS)
+        Share of the step towards the tones.
+    variances : list of list of float
+        Variances of the prediction errors of each axis at each horizon [m² or rad²].
+
+    """
+
+    def __init__(self, stamp: float, noise: np.ndarray, mean_interval: float) -> None:
+        axes = len(noise)
+        near = Continuation(axes, NEAR)
+        far = Continuation(axes, FAR)
+        self._groups = (near, far)
+        self._turns = zip(
+            cycle((near, near, near, far)), cycle(range(axes)), strict=False
+        )
+        self.tones = Tones(axes)
+        self._next = stamp + LEARNING_PERIOD  # s, when learning is due
+        self._peak = np.zeros(axes)  # of the squared acceleration
+        self._known = noise * (mean_interval * ACCELERATION_NOISE)  # peak learnt so far
+        self._solve(self._groups, noise, mean_interval)
+
+    def variance(self, axis: int, ahead: float) -> float:
+        """Return the variance of the prediction of an axis after a time [s]."""
+        if ahead <= HORIZONS[0]:  # as usual: interpolation takes ten times as long
+            return self.variances[axis][0]
+        return float(np.interp(ahead, HORIZONS, self.variances[axis], right=UNKNOWN))
+
+    def add(
+        self,
+        stamp: float,
+        interval: float,
+        level: np.ndarray,
+        seen: np.ndarray,
+        forecasts: np.ndarray,
+    ) -> None:
+        """Keep a sample, with the parameters of `Continuation.add`."""
+        for group in self._groups:
+            group.add(stamp, interval, level, seen, forecasts)
+
+    def update(
+        self,
+        stamp: float,
+        interval: float,
+        seen: np.ndarray,
+        noise: np.ndarray,
+        mean_interval: float,
+        positions: Positions,
+    ) -> None:
+        """Update the strength of the motion by the features, and learn if it is due."""
+        floor = noise * (mean_interval * ACCELERATION_NOISE)
+        forgotten = math.exp(-interval / PEAK_TIME) * self._peak
+        squared = _SQUARED * seen[:, ACCELERATION] ** 2
+        self._peak = np.maximum(forgotten, squared - NOISE_PEAK * floor)
+        if stamp <= self._next - ROUNDING:
+            return
+
+        self._next = stamp + LEARNING_PERIOD
+        self._weaken(floor + self._peak)
+        group, axis = next(self._turns)
+        self.tones.fit(axis, noise[axis])
+        group.learn(noise, positions)
+        self._solve([group], noise, mean_interval)
+        positions.forget(min(one.begin for one in self._groups))
+
+    def _weaken(self, strongest: np.ndarray) -> None:
+        """Weaken earlier learning if the strongest squared acceleration has grown."""
+        share = np.minimum(GROWTH * self._known / strongest, 1.0)
+        for group in self._groups:
+            group.weaken(share)
+        self._known = np.maximum(self._known, strongest / GROWTH)
+        self._known = np.minimum(self._known, strongest)
+
+    def _solve(
+        self, groups: Iterable[Continuation], noise: np.ndarray, mean_interval: float
+    ) -> None:
+        """Solve groups of horizons and join the results of all groups."""
+        strength = PEAK_SHARE * self._peak
+        density = noise * mean_interval
+        for group in groups:
+            group.solve(strength, density, self.tones.noise_gain)
+
+        near, far = self._groups
+        self.weights = np.concatenate((near.weights, far.weights), axis=-1)
+        self.trust = np.concatenate((near.trust, far.trust), axis=-1)
+        variances = np.concatenate((near.variances, far.variances), axis=-1)
+        self.variances: list[list[float]] = variances.tolist()
