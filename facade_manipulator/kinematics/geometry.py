@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
@@ -54,7 +55,10 @@ class Wrench(NamedTuple):
     mz: float
 
 
-CARRIAGES = Carriages._fields
+AXIS_NAMES = Carriages._fields
+CARRIAGES = AXIS_NAMES
+#: a value of each carriage in the order of `AXIS_NAMES`, such as `Carriages`
+PerCarriage = Sequence[float]
 GRAVITY = 9.81  # m/s²
 
 
