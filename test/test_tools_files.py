@@ -9,7 +9,7 @@ from rclpy.qos import ReliabilityPolicy
 import yaml
 
 from facade_manipulator import config_path, topics
-from facade_manipulator.nodes.messages import CARRIAGES
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.parameters import NODES
 from facade_manipulator.topics import Service, Topic
 
@@ -134,7 +134,7 @@ def test_plotjuggler_layout_shows_published_fields():
     for curve in curves:
         _, topic, *fields = curve.split('/')
         if topic.startswith('joint_'):
-            assert fields.pop(0) in CARRIAGES
+            assert fields.pop(0) in AXIS_NAMES
         require_field(f'/{topic}', fields)
 
 

@@ -14,8 +14,9 @@ from rclpy.node import Node
 
 from facade_manipulator import topics
 from facade_manipulator.canopen.pdo import PDO_MAP
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.nodes.conversions import stamp
-from facade_manipulator.nodes.messages import CARRIAGES, seconds
+from facade_manipulator.nodes.messages import seconds
 from facade_manipulator.resources import config_path
 
 STANDING = (-0.1, 0.1, 0.0)  # m, the home position; the head is near (0, 0.25, 0) there
@@ -113,7 +114,7 @@ class Role(Node):
         pose = getattr(message, 'pose', None)
         if pose is None:
             message.name, message.position, message.velocity = (
-                CARRIAGES,
+                AXIS_NAMES,
                 STANDING,
                 (0.0,) * 3,
             )

@@ -19,10 +19,10 @@ import pytest
 
 from facade_manipulator.canopen import cob_ids, pdo
 from facade_manipulator.canopen.bus import BusCongestedError
-from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.snapshot import ControllerState, Remedy
 from facade_manipulator.drives.states import State
 from facade_manipulator.errors import BusError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
 pytestmark = pytest.mark.long
 

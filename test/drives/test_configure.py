@@ -11,6 +11,7 @@ from facade_manipulator.canopen import cob_ids, pdo
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import DriveError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 
@@ -107,7 +108,7 @@ def test_missing_process_data_are_named_at_configure(rig):
 
 def test_self_test_names_the_drive_with_a_changed_object(rig):
     configured(rig)
-    assert rig.request('self_test') == dict.fromkeys(('q1', 'q2', 'q3'), '')
+    assert rig.request('self_test') == dict.fromkeys(AXIS_NAMES, '')
     rig.drives[1].objects.values[0x6065, 0] = 5
     problems = rig.request('self_test')
     assert '6065h:00 reads back as 5' in problems.pop('q2')

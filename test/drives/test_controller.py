@@ -7,11 +7,12 @@ from dataclasses import replace
 from bus_world import at_rest, configured, HOME, in_motion, SETTINGS, SWITCH_HOMING
 import pytest
 
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller import REQUESTS
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import State, Status
 from facade_manipulator.errors import DriveStateError, ManipulatorError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
 pytestmark = pytest.mark.long
 

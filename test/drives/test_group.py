@@ -8,7 +8,7 @@ import itertools
 import pytest
 
 from facade_manipulator.drives.axis import Axis
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.profile import load_profile
@@ -21,6 +21,7 @@ from facade_manipulator.drives.states import (
     Status,
     STATUSWORDS,
 )
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.simulation.drives.automaton import decode_command, TRANSITIONS
 
 PERIOD = 0.01  # s

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bus_world import at_rest, configured, Rig
 import pytest
 
-from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 pytestmark = pytest.mark.long

@@ -5,7 +5,6 @@ import re
 
 import pytest
 
-from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
     Cause,
@@ -13,6 +12,7 @@ from facade_manipulator.drives.snapshot import (
     ControllerState,
 )
 from facade_manipulator.drives.states import decode_state, describe_state, STATUSWORDS
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
 ENABLED, WITH_TARGET_REACHED, FAULT = 0x0027, 0x0427, 0x0008
 CAUSES = tuple(Cause(message, 'clear the faults') for message in ('first', 'second'))

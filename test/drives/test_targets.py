@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.drives.axis import Axis
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.profile import load_profile
@@ -22,6 +22,7 @@ from facade_manipulator.drives.targets import (
     TargetSupervisor,
 )
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
 ACTIVE = ControllerState.ACTIVE
 OFF, ON = (AxisCommand(word, Mode.CYCLIC_SYNCHRONOUS_POSITION) for word in (0x00, 0x0F))

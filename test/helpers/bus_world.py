@@ -23,13 +23,14 @@ from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.clock import SteadyTime
 from facade_manipulator.control_loop.channel import LoopSetup
 from facade_manipulator.control_loop.control_loop import checked_follower
-from facade_manipulator.drives.axis_settings import DEFAULT_AXES, Triple
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller import DriveController, REQUESTS
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.states import Mode, State
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.kinematics.geometry import PerCarriage
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
@@ -80,7 +81,7 @@ class Rig(BusWorld):
         self.course: Course | None = (
             None  #: of the setpoints while the drives are active
         )
-        self._base: Triple | None = None
+        self._base: PerCarriage | None = None
         self._begun = self._next_setpoint = self._stall = 0.0
         self.power_cut()
         self.run(0.2)

@@ -10,11 +10,11 @@ from frames import decode_rpdo1
 import numpy as np
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.states import Controlword, Mode, Power, State
 from facade_manipulator.errors import NEXT
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.limits import MotionLimits
 

@@ -16,6 +16,7 @@ from facade_manipulator.kinematics import (
     tree,
     urdf,
 )
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.kinematics.planar import compose
 
 urdf_reader = pytest.importorskip(
@@ -77,7 +78,7 @@ def test_urdf_has_a_head_and_closed_loops(geometry, head):
 @pytest.mark.parametrize('geometry', [DESIGN, MADE], ids=['drawn', 'made'])
 def test_stroke_limits_and_boxes_have_the_lengths_of_parts(geometry):
     root = ElementTree.fromstring(urdf(geometry))
-    for name, offset in zip(('q1', 'q2', 'q3'), geometry.carriage_offsets, strict=True):
+    for name, offset in zip(AXIS_NAMES, geometry.carriage_offsets, strict=True):
         bounds = root.find(f"joint[@name='{name}']/limit")
         assert [float(bounds.get(end)) for end in ('lower', 'upper')] == [
             end + offset for end in geometry.stroke

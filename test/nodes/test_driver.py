@@ -25,9 +25,10 @@ from facade_manipulator.drives.snapshot import (
     ControllerState,
 )
 from facade_manipulator.errors import DriveStateError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.nodes.conversions import joint_state, stamp
 from facade_manipulator.nodes.driver_status import DriverStatus
-from facade_manipulator.nodes.messages import CARRIAGES, status_values
+from facade_manipulator.nodes.messages import status_values
 
 HOME = (-0.1, 0.1, 0.0)
 ENDED = (ControllerState.LOST, ControllerState.CLOSED)
@@ -82,7 +83,7 @@ def test_drives_follow_a_stream_until_it_is_silent(bench):
         'the end of the move',
     )
     newest = bench.states[-1]
-    assert tuple(newest.name) == CARRIAGES
+    assert tuple(newest.name) == AXIS_NAMES
     assert len(newest.velocity) == len(newest.effort) == 3
     bench.ros.until(
         lambda: bench.values()['activity'] == 'holding', 'rest after the stream'
@@ -102,7 +103,7 @@ def test_carriage_forces_act_on_simulated_drives(bench):
     for force in (math.nan, 0.0):
         bench.publish(
             topics.CARRIAGE_FORCES,
-            JointState(name=CARRIAGES, effort=[-30.0, 20.0, force]),
+            JointState(name=AXIS_NAMES, effort=[-30.0, 20.0, force]),
         )
     bench.ros.until(
         lambda: (

@@ -19,16 +19,12 @@ from facade_manipulator.kinematics import (
     tree,
     urdf,
 )
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.motion.reference import ReferenceSettings
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped
 from facade_manipulator.nodes.driver_status import SILENT
 from facade_manipulator.nodes.ik_service import IkServiceNode, LEAD
-from facade_manipulator.nodes.messages import (
-    CARRIAGES,
-    planar_pose,
-    seconds,
-    status_values,
-)
+from facade_manipulator.nodes.messages import planar_pose, seconds, status_values
 
 GEOMETRY = Geometry()
 MIDDLE = Pose(0.05, 0.25, 0.1)
@@ -92,7 +88,7 @@ def test_stream_of_poses_becomes_positions_and_velocities(bench):
         bench.send(pose, begin + 0.01 * k)
         bench.until(lambda count=k: len(bench.setpoints) > count, 'a setpoint')
     last = bench.setpoints[-1]
-    assert tuple(last.name) == CARRIAGES
+    assert tuple(last.name) == AXIS_NAMES
     assert list(last.position) == pytest.approx(
         inverse_kinematics(GEOMETRY, pose), abs=1e-12
     )

@@ -12,6 +12,7 @@ import pytest
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.nodes import conversions, messages
 from facade_manipulator.nodes.conversions import pose_stamped, stamp
 
@@ -81,7 +82,7 @@ def test_tilted_pose_is_projected_into_the_plane(place, direction, tilt, height)
     assert out_of_plane == pytest.approx((height, tilt), abs=1e-7)
 
 
-@given(st.permutations(['q1', 'q2', 'q3']))
+@given(st.permutations(AXIS_NAMES))
 def test_carriages_are_found_by_name_in_any_order(names):
     values = {'q1': -0.1, 'q2': 0.2, 'q3': 0.3}
     assert messages.carriages_from(names, [values[name] for name in names], 'p') == (
@@ -133,9 +134,9 @@ def carriages(names, values):
             'names',
             r"names \['q1', 'q2', 'q2'\]",
         ),
-        (carriages(['q1', 'q2', 'q3'], [0.0] * 2), 'names', '2 values for 3 names'),
+        (carriages(AXIS_NAMES, [0.0] * 2), 'names', '2 values for 3 names'),
         (
-            carriages(['q1', 'q2', 'q3'], [0.0, math.nan, 0.0]),
+            carriages(AXIS_NAMES, [0.0, math.nan, 0.0]),
             'not_finite',
             'of q2 = nan',
         ),

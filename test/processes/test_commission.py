@@ -11,6 +11,7 @@ from support import patiently, wait_until
 
 from facade_manipulator.canopen.bus import open_bus
 from facade_manipulator.drives.states import State
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.simulation.drives.__main__ import _parser, make_drives
 from facade_manipulator.simulation.drives.simulator import DriveSimulator
 from facade_manipulator.tools.commissioning.context import Overlay
@@ -56,7 +57,7 @@ class Jog:
 def jog(bus, tmp_path, start_process):
     """Return a function that starts a jog of new drives."""
     overlay = Overlay(tmp_path / 'machine.yaml')
-    for name in ('q1', 'q2', 'q3'):
+    for name in AXIS_NAMES:
         overlay.write(
             f'direction {name}',
             {

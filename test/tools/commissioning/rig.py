@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from fake_bus import BusWorld
 import yaml
 
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.parameters import read_parameters
 from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.drives.__main__ import _parser, make_drives
@@ -18,7 +19,6 @@ from facade_manipulator.tools.commissioning.__main__ import main
 from facade_manipulator.tools.commissioning.context import Overlay
 
 SERIALS = (4711, 4712, 4713)
-AXES = ('q1', 'q2', 'q3')
 
 
 class CommissionRig(BusWorld):
@@ -69,10 +69,10 @@ class CommissionRig(BusWorld):
         """Write an overlay for drives that have their node ids, and may move."""
         node_ids = {
             f'{name}.node_id': drive.node_id
-            for name, drive in zip(AXES, self.drives, strict=True)
+            for name, drive in zip(AXIS_NAMES, self.drives, strict=True)
         }
         self.overlay.write('assign', {'axes.profile': profile, **node_ids, **others})
-        for name in AXES if is_moving else ():
+        for name in AXIS_NAMES if is_moving else ():
             self.overlay.write(f'direction {name}', {})
         return self
 

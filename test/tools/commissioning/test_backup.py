@@ -2,8 +2,9 @@
 
 from canopen import SdoAbortedError
 import pytest
-from tools.commissioning.rig import AXES, own_profile, raising
+from tools.commissioning.rig import own_profile, raising
 
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.resources import config_path
 
 pytestmark = pytest.mark.long
@@ -20,7 +21,9 @@ def test_drives_that_match_their_profile_are_recorded(rig, capsys):
     assert rig.run('profile', '--check') == 0
     assert 'q2: configure will change ' in (said := capsys.readouterr().out)
     assert '6065h:00' in said
-    assert rig.overlay.steps().keys() >= {f'profile --check {axis}' for axis in AXES}
+    assert rig.overlay.steps().keys() >= {
+        f'profile --check {axis}' for axis in AXIS_NAMES
+    }
     assert rig.drives[0].objects.values[0x6065, 0] == 0xFFFFFFFF  # as before the check
 
 

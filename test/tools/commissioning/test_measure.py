@@ -2,6 +2,8 @@
 
 import pytest
 
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
+
 pytestmark = pytest.mark.long
 
 
@@ -30,10 +32,10 @@ def test_carriage_that_rolls_back_gets_no_direction(rig, rejected, back):
     )
 
 
-@pytest.mark.parametrize('axis', ['q1', 'q2', 'q3'])
+@pytest.mark.parametrize('axis', AXIS_NAMES)
 def test_motion_requires_all_directions(make_rig, rejected, axis):
     rig = make_rig().configured(is_moving=False)
-    for other in {'q1', 'q2', 'q3'} - {axis}:
+    for other in {*AXIS_NAMES} - {axis}:
         rig.overlay.write(f'direction {other}', {})
     assert f'next: commission direction {axis}' in rejected('jog', 'q1', '20')
 

@@ -6,10 +6,11 @@ import shlex
 
 from bus_world import Rig
 import pytest
-from tools.commissioning.rig import AXES, SERIALS
+from tools.commissioning.rig import SERIALS
 
 import facade_manipulator
 from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.commissioning.__main__ import _parser, STEPS
 from facade_manipulator.tools.commissioning.context import Context
@@ -56,14 +57,14 @@ def test_commissioning_page_leads_to_a_machine_that_homes(make_rig, capsys):
     rig.drives[1].objects.stored[0x6084, 0] = 12345  # changed by a previous user
     rig.power_cut()
     rig.answers = {
-        'serial number ([0-9]+)': lambda found: AXES[SERIALS.index(int(found[1]))]
+        'serial number ([0-9]+)': lambda found: AXIS_NAMES[SERIALS.index(int(found[1]))]
     }
     for commands, shown in steps():
         for words in commands:
             if words[:1] == ['direction']:
-                rig.push(AXES.index(words[1]), 3.0)
+                rig.push(AXIS_NAMES.index(words[1]), 3.0)
             mark = rig.places
-            number = AXES.index(words[1]) if words[:1] == ['lead'] else 0
+            number = AXIS_NAMES.index(words[1]) if words[:1] == ['lead'] else 0
             rig.answers['by the ruler'] = lambda _, mark=mark, number=number: (
                 f'{1e3 * (rig.places[number] - mark[number]):.2f}'
             )
