@@ -21,12 +21,7 @@ from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.answers import Answers
-from facade_manipulator.drives.axis_settings import (
-    AXIS_NAMES,
-    AxisSettings,
-    check_axes,
-    Triple,
-)
+from facade_manipulator.drives.axis_settings import AxisSettings, check_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.drive_errors import DriveErrors
 from facade_manipulator.drives.encoder import Encoder
@@ -45,6 +40,7 @@ from facade_manipulator.drives.states import (
     UNPOWERED_STATES,
 )
 from facade_manipulator.errors import DriveStateError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 
 ENCODER_REMEDY = (
     'check whether the carriage was pushed, check the encoder and its cable'
@@ -233,7 +229,7 @@ def make_axes(
     return tuple(axes)
 
 
-def positions_of(axes: Sequence[Axis]) -> Triple:
+def positions_of(axes: Sequence[Axis]) -> PerCarriage:
     """Return the positions of the carriages [m]; raise a DriveStateError if one is unknown."""
     q1, q2, q3 = [axis.feedback.position for axis in axes]
     if q1 is None or q2 is None or q3 is None:

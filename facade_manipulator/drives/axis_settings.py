@@ -9,10 +9,9 @@ import math
 from facade_manipulator.canopen import cob_ids
 from facade_manipulator.drives.units import SiPerUnit, VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.parameters import parameter, parameter_fields, settings
 
-AXIS_NAMES = ('q1', 'q2', 'q3')
-Triple = tuple[float, float, float]
 OF_ONE_AXIS = frozenset(
     {  # settings that may differ between the axes
         'node_id',

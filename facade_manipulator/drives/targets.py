@@ -15,12 +15,12 @@ from math import ceil
 from typing import Any
 
 from facade_manipulator.drives.axis import positions_of
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, Triple
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
 from facade_manipulator.errors import ManipulatorError, SetpointLimitError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 
 ROUNDING = 1e-9  # m
 STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
@@ -39,11 +39,11 @@ class MechanismChecks:
     #: `wait`, `sample` and `withdraw` as it has them
     source: Any
     #: takes three targets [m]
-    check_targets: Callable[[Triple], None] = allow_anything
+    check_targets: Callable[[PerCarriage], None] = allow_anything
     #: takes three positions [m] and which axes are homed, in each cycle of homing
-    check_homing: Callable[[Triple, tuple[bool, ...]], None] = allow_anything
+    check_homing: Callable[[PerCarriage, tuple[bool, ...]], None] = allow_anything
     #: takes three measured positions [m], in each cycle while targets are followed
-    check_actual: Callable[[Triple], None] = allow_anything
+    check_actual: Callable[[PerCarriage], None] = allow_anything
 
 
 class TargetSupervisor:
@@ -54,7 +54,7 @@ class TargetSupervisor:
     ) -> None:
         self.mechanism = mechanism
         #: the targets last chosen [m] while the drives follow, else None
-        self.positions: Triple | None = None
+        self.positions: PerCarriage | None = None
         self._group = group
         self._axes = group.axes
         self._largest_step = (
@@ -67,7 +67,7 @@ class TargetSupervisor:
         # cycles from the SYNC that latches a target to the SYNC whose answer has the same
         # position; a late or missing answer adds cycles
         self._age = 1.0 + settings.drive_lag / settings.period
-        self._latched: deque[Triple] = deque(
+        self._latched: deque[PerCarriage] = deque(
             maxlen=ceil(self._age) + settings.max_missed_cycles + 2
         )
         self._state = ControllerState.INACTIVE
@@ -110,7 +110,7 @@ class TargetSupervisor:
             homed.append(axis.homing is not None and axis.homing.is_homed)
         return tuple(homed)
 
-    def _lags(self, actual: Triple) -> Iterator[Cause]:
+    def _lags(self, actual: PerCarriage) -> Iterator[Cause]:
         """
         Yield a cause if a carriage lags behind its targets, or if the lags of two differ.
 
@@ -215,7 +215,7 @@ class TargetSupervisor:
             if not axis.output.holds_target:
                 axis.output.aim_at(axis.feedback.counts)
 
-    def _begin_at_targets(self) -> Triple:
+    def _begin_at_targets(self) -> PerCarriage:
         """
         Begin to follow the source at the targets that the drives hold; return them [m].
 
@@ -230,7 +230,7 @@ class TargetSupervisor:
         self.mechanism.source.reset(held)
         return held
 
-    def _use(self, targets: Triple, held: Triple) -> None:
+    def _use(self, targets: PerCarriage, held: PerCarriage) -> None:
         """Check targets after those held [m], the last check before the bus; convert them."""
         self.mechanism.check_targets(targets)
         for name, old, new in zip(AXIS_NAMES, held, targets, strict=True):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from facade_manipulator.kinematics.geometry import CARRIAGES, Geometry, Pose
+from facade_manipulator.kinematics.geometry import AXIS_NAMES, Geometry, Pose
 from facade_manipulator.kinematics.mechanism import Mechanism
 from facade_manipulator.kinematics.planar import compose, ZERO_POSE
 
@@ -188,8 +188,8 @@ def _add_joint(
 
 def _range(geometry: Geometry, joint: TreeJoint) -> tuple[float, float] | None:
     """Return the minimum and maximum position of a prismatic joint [m]."""
-    if joint.name in CARRIAGES:
-        number = CARRIAGES.index(joint.name)
+    if joint.name in AXIS_NAMES:
+        number = AXIS_NAMES.index(joint.name)
         minimum, maximum = geometry.stroke
         offset = geometry.carriage_offsets[number]
         return minimum + offset, maximum + offset

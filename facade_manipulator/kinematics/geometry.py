@@ -56,7 +56,6 @@ class Wrench(NamedTuple):
 
 
 AXIS_NAMES = Carriages._fields
-CARRIAGES = AXIS_NAMES
 #: a value of each carriage in the order of `AXIS_NAMES`, such as `Carriages`
 PerCarriage = Sequence[float]
 GRAVITY = 9.81  # m/s²
@@ -128,7 +127,7 @@ class Geometry:
         elements=('B1', 'B2'),
     )
     carriage_offsets: tuple[float, ...] = _error(
-        (0.0, 0.0, 0.0), 'Position on the rail at drive position 0', elements=CARRIAGES
+        (0.0, 0.0, 0.0), 'Position on the rail at drive position 0', elements=AXIS_NAMES
     )
     rail_angle: float = parameter(
         'Angle of the real rail in frame rail',

@@ -14,7 +14,8 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.kinematics import Geometry, Mechanism
-from facade_manipulator.motion.limits import MotionLimits, Vector
+from facade_manipulator.kinematics.geometry import PerCarriage
+from facade_manipulator.motion.limits import MotionLimits
 
 SPEEDS = (
     41  # number of speeds in the search; twice as many change the distance by 0.1 mm
@@ -144,7 +145,7 @@ def fastest_near(geometry: Geometry, separation: Separation) -> Callable[..., fl
     first, second, third = Mechanism(geometry).on_rail((0.0, 0.0, 0.0))
     left, right = third - first, second - third
 
-    def fastest(*path: Vector) -> float:
+    def fastest(*path: PerCarriage) -> float:
         return separation.speed(
             min([min(q3 - q1 + left, q2 - q3 + right) for q1, q2, q3 in path])
         )

@@ -17,12 +17,8 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.errors import InputError, ManipulatorError, require_recent
-from facade_manipulator.motion.limits import (
-    CarriageMotion,
-    MotionLimits,
-    PathLimiter,
-    Vector,
-)
+from facade_manipulator.kinematics.geometry import PerCarriage
+from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter
 from facade_manipulator.motion.setpoints import (
     extrapolate,
     interpolate,
@@ -152,7 +148,7 @@ class SetpointFollower:
         self._fastest = max(self._fastest, TOLERATED * limits.speed)
         self._hardest = max(self._hardest, TOLERATED * limits.acceleration)
 
-    def reset(self, positions: Vector) -> None:
+    def reset(self, positions: PerCarriage) -> None:
         """Hold at measured positions [m] and forget the stream."""
         self.hold()
         self.motion = self._motion_before = CarriageMotion(positions)
@@ -293,7 +289,7 @@ class SetpointFollower:
         ]
         self._stream.append(time, newest._replace(velocity=velocity))
 
-    def _target(self, time: float) -> tuple[Vector, Vector] | None:
+    def _target(self, time: float) -> tuple[PerCarriage, PerCarriage] | None:
         """Return position [m] and velocity [m/s] of the stream at a time; None while silent."""
         before, after = self._stream.around(time)
         if before is not None and after is not None:
@@ -303,7 +299,7 @@ class SetpointFollower:
         return extrapolate([setpoint for _, setpoint in self._stream.newest(2)], time)
 
     def _follow(
-        self, before: CarriageMotion, position: Vector, velocity: Vector
+        self, before: CarriageMotion, position: PerCarriage, velocity: PerCarriage
     ) -> CarriageMotion:
         """Return the motion to the target if a path from there to rest exists, else braking."""
         limiter = self._limiter

@@ -9,7 +9,7 @@ import math
 
 from facade_manipulator.errors import CarriageGapError, LimitError
 from facade_manipulator.kinematics import Carriages, Geometry, Mechanism
-from facade_manipulator.motion.limits import Vector
+from facade_manipulator.kinematics.geometry import PerCarriage
 
 ROUNDING = 1e-6  # m
 FARTHEST = 50.0  # m, a stroke that limits no mechanism
@@ -77,7 +77,7 @@ def path_guard(
     low, high = geometry.stroke
     left_minimum, left_maximum, right_minimum, right_maximum = _closing_box(geometry)
 
-    def check_path(*path: Vector) -> None:
+    def check_path(*path: PerCarriage) -> None:
         for positions in path:
             q1, q2, q3 = positions
             is_far_from_limits = (
@@ -160,7 +160,7 @@ def measured_guard(geometry: Geometry, margin: float) -> Callable[..., None]:
     return path_guard(longer, tolerance, margin)
 
 
-def homing_guard(geometry: Geometry) -> Callable[[Vector, tuple[bool, ...]], None]:
+def homing_guard(geometry: Geometry) -> Callable[[PerCarriage, tuple[bool, ...]], None]:
     """
     Return the check that carriages keep their distance while they home.
 
@@ -180,7 +180,7 @@ def homing_guard(geometry: Geometry) -> Callable[[Vector, tuple[bool, ...]], Non
         mechanism_guard(geometry),
     )
 
-    def check(positions: Vector, homed: tuple[bool, ...]) -> None:
+    def check(positions: PerCarriage, homed: tuple[bool, ...]) -> None:
         if all(homed):
             whole(positions)
             return

@@ -19,10 +19,10 @@ from typing import NamedTuple
 from ruckig import Trajectory
 
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics.geometry import PerCarriage
 from facade_manipulator.motion.trajectory import AXES, plan_trajectory
 from facade_manipulator.parameters import parameter, settings
 
-Vector = Sequence[float]  # a value of each carriage
 STANDSTILL_SPEED = 1e-5  # m/s
 STANDSTILL_ACCELERATION = 1e-3  # m/s²
 ZERO = (0.0, 0.0, 0.0)  # of any unit
@@ -74,13 +74,13 @@ class MotionLimits:
 class CarriageMotion(NamedTuple):
     """Motion of the three carriages at one instant; each field has shape (3,)."""
 
-    position: Vector  #: [m]
-    velocity: Vector = ZERO  #: [m/s]
-    acceleration: Vector = ZERO  #: [m/s²]
-    mean_velocity: Vector = (
+    position: PerCarriage  #: [m]
+    velocity: PerCarriage = ZERO  #: [m/s]
+    acceleration: PerCarriage = ZERO  #: [m/s²]
+    mean_velocity: PerCarriage = (
         ZERO  #: first difference of the positions, a period apart [m/s]
     )
-    mean_acceleration: Vector = ZERO  #: their second difference [m/s²]
+    mean_acceleration: PerCarriage = ZERO  #: their second difference [m/s²]
 
     @property
     def at_rest(self) -> bool:
@@ -91,12 +91,12 @@ class CarriageMotion(NamedTuple):
         )
 
 
-def greatest(values: Vector) -> float:
+def greatest(values: PerCarriage) -> float:
     """Return the maximum magnitude over the carriages."""
     return max(map(abs, values))
 
 
-def plus(a: Vector, b: Vector, factor: float = 1.0) -> Vector:
+def plus(a: PerCarriage, b: PerCarriage, factor: float = 1.0) -> PerCarriage:
     """Return a + factor · b for three axes, in a fifth of the time of numpy."""
     (a1, a2, a3), (b1, b2, b3) = a, b
     return a1 + factor * b1, a2 + factor * b2, a3 + factor * b3
@@ -120,10 +120,10 @@ class PathLimiter:
         self._path = Trajectory(AXES)
         self._planned: tuple[float, ...] = ()
         self._elapsed = 0.0
-        self._relative: Sequence[Vector] = (ZERO, ZERO, ZERO)
+        self._relative: Sequence[PerCarriage] = (ZERO, ZERO, ZERO)
 
     def reach(
-        self, before: CarriageMotion, target: Vector, velocity: Vector
+        self, before: CarriageMotion, target: PerCarriage, velocity: PerCarriage
     ) -> CarriageMotion | None:
         """
         Return the motion that reaches the target one period later, None if limits forbid it.
@@ -161,7 +161,7 @@ class PathLimiter:
         return after
 
     def chase(
-        self, before: CarriageMotion, target: Vector, velocity: Vector
+        self, before: CarriageMotion, target: PerCarriage, velocity: PerCarriage
     ) -> CarriageMotion:
         """
         Return the motion one period later on the fastest allowed path to a moving target.
@@ -225,7 +225,7 @@ class PathLimiter:
         velocity = plus(ZERO, motion.velocity, share)
         return CarriageMotion(motion.position, velocity, mean_velocity=velocity)
 
-    def stop(self, motion: CarriageMotion) -> list[Sequence[Vector]]:
+    def stop(self, motion: CarriageMotion) -> list[Sequence[PerCarriage]]:
         """
         Return the states on the path from a motion to rest, a period apart; the last is at rest.
 
@@ -235,7 +235,7 @@ class PathLimiter:
 
         Raises a ManipulatorError if no path was found.
         """
-        states: list[Sequence[Vector]] = [motion[:3]]
+        states: list[Sequence[PerCarriage]] = [motion[:3]]
         if not motion.at_rest:
             path = plan_trajectory(
                 states[0], None, [self.limits.speed] * AXES, *self._bounds
@@ -249,7 +249,7 @@ class PathLimiter:
         return states
 
     def advance(
-        self, before: CarriageMotion, state: Sequence[Vector]
+        self, before: CarriageMotion, state: Sequence[PerCarriage]
     ) -> CarriageMotion:
         """Return the motion in a state one period after another motion."""
         position, velocity, acceleration = state
@@ -262,7 +262,7 @@ class PathLimiter:
             self._rates(before.mean_velocity, mean),
         )
 
-    def _rates(self, before: Vector, after: Vector) -> Vector:
+    def _rates(self, before: PerCarriage, after: PerCarriage) -> PerCarriage:
         """Return the mean rates of change within a period [1/s]."""
         rate, (a1, a2, a3), (b1, b2, b3) = 1.0 / self.period, before, after
         return (b1 - a1) * rate, (b2 - a2) * rate, (b3 - a3) * rate

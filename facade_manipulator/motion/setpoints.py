@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 from facade_manipulator import kinematics
 from facade_manipulator.errors import InputError, SetpointLimitError
-from facade_manipulator.motion.limits import plus, Vector, ZERO
+from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
+from facade_manipulator.motion.limits import plus, ZERO
 from facade_manipulator.parameters import parameter, settings
 
 PATH_SPACING = 0.005  # m, between the poses of a path where the request names none
@@ -26,15 +27,15 @@ class Setpoint(NamedTuple):
     """Positions [m] and velocities [m/s] of the carriages at a time [s]."""
 
     time: float
-    position: Vector
-    velocity: Vector
+    position: PerCarriage
+    velocity: PerCarriage
 
 
 def require_within(
-    quantity: str, values: Vector, bound: float, unit: str, parameter: str = ''
+    quantity: str, values: PerCarriage, bound: float, unit: str, parameter: str = ''
 ) -> None:
     """Reject a value beyond a bound or NaN; the carriage's name completes the quantity."""
-    for carriage, value in zip(kinematics.Carriages._fields, values, strict=True):
+    for carriage, value in zip(AXIS_NAMES, values, strict=True):
         if not abs(value) <= bound:
             raise SetpointLimitError(
                 quantity.format(carriage), abs(value), bound, unit, 'above', parameter
@@ -65,7 +66,7 @@ def require_possible(
     backlash = 0.5 * acceleration * SHORTEST
     bound = max(0.5 * acceleration * elapsed, backlash)
     for carriage, before, start, after, end in zip(
-        kinematics.Carriages._fields, *last[1:], *setpoint[1:], strict=True
+        AXIS_NAMES, *last[1:], *setpoint[1:], strict=True
     ):
         mean = (after - before) / elapsed
         difference, bend = abs(end - mean), abs(0.5 * (start + end) - mean)
@@ -78,7 +79,9 @@ def require_possible(
             )
 
 
-def extrapolate(newest: Sequence[Setpoint], time: float) -> tuple[Vector, Vector]:
+def extrapolate(
+    newest: Sequence[Setpoint], time: float
+) -> tuple[PerCarriage, PerCarriage]:
     """
     Return position [m] and velocity [m/s] that the newest setpoints imply for a time [s].
 
@@ -89,7 +92,9 @@ def extrapolate(newest: Sequence[Setpoint], time: float) -> tuple[Vector, Vector
     return plus(last.position, velocity, time - last.time), velocity
 
 
-def interpolate(a: Setpoint, b: Setpoint, time: float) -> tuple[Vector, Vector]:
+def interpolate(
+    a: Setpoint, b: Setpoint, time: float
+) -> tuple[PerCarriage, PerCarriage]:
     """Return position [m] and velocity [m/s] on the cubic Hermite curve from a to b."""
     h = b.time - a.time
     u = (time - a.time) / h

@@ -28,8 +28,8 @@ from facade_manipulator.kinematics import (
     tree,
     urdf,
 )
-from facade_manipulator.motion.limits import Vector
-from facade_manipulator.nodes.messages import CARRIAGES, Frames, seconds
+from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
+from facade_manipulator.nodes.messages import Frames, seconds
 
 JOINTS_PERIOD = (
     0.05  # s: robot_state_publisher publishes transforms at 20 Hz by default
@@ -97,13 +97,13 @@ def pose_stamped(
 
 def joint_state(
     time: float,
-    position: Vector,
-    velocity: Vector,
-    effort: Vector | tuple[()] = (),
+    position: PerCarriage,
+    velocity: PerCarriage,
+    effort: PerCarriage | tuple[()] = (),
     message: JointState | None = None,
 ) -> JointState:
     """Return positions [m], velocities [m/s] and forces [N] in a given message or a new one."""
-    message = message or JointState(name=CARRIAGES)
+    message = message or JointState(name=AXIS_NAMES)
     message.header.stamp = stamp(time)
     message.position, message.velocity, message.effort = position, velocity, effort
     return message

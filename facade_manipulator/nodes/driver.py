@@ -35,6 +35,7 @@ from facade_manipulator.errors import (
     InputError,
     ManipulatorError,
 )
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.nodes import driver_diagnostics
@@ -43,7 +44,7 @@ from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_setup import declare_setup
 from facade_manipulator.nodes.driver_status import state_sentence, STATUS_PERIOD
 from facade_manipulator.nodes.lifecycle import ManagedNode, OnReply, UNCONFIGURED
-from facade_manipulator.nodes.messages import CARRIAGES, carriages_from, seconds
+from facade_manipulator.nodes.messages import carriages_from, seconds
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
@@ -88,7 +89,7 @@ class DriverNode(ManagedNode):
         self._stops = driver_diagnostics.StopCounter()
 
         self._joint_states = self.create_publisher(*topics.JOINT_STATES)
-        self._message = JointState(name=CARRIAGES)  # of each joint state
+        self._message = JointState(name=AXIS_NAMES)  # of each joint state
         self._status = self.create_publisher(*topics.DRIVER_STATUS)
         self._inputs = PublisherWatch(self, self.diagnostics, self._apply_software_stop)
         # of another driver in the namespace

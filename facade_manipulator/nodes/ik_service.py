@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.motion.reference import (
     HeadMotion,
     ReferencePath,
@@ -91,7 +92,7 @@ class IkServiceNode(BaseNode):
         self._frames = messages.Frames.of(self.get_namespace())
         self._setpoints = self.create_publisher(*topics.JOINT_SETPOINTS)
         self._head_message = PoseStamped()
-        self._setpoint_message = JointState(name=messages.CARRIAGES)
+        self._setpoint_message = JointState(name=AXIS_NAMES)
         self._setpoint_message.header.frame_id = self._frames.rail
         self._heads = self.create_publisher(*topics.END_EFFECTOR_POSE)
         self._description = conversions.Description(self, geometry)

@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 
 from facade_manipulator.covariance import is_measured, LARGEST_DEVIATION
 from facade_manipulator.errors import InputError, require_recent
-from facade_manipulator.kinematics import Carriages, Pose, Wrench
+from facade_manipulator.kinematics import Pose, Wrench
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
 BILLION = 10**9  # ns of a second
 PLANE_TOLERANCE = 1e-6  # m
 TILT_TOLERANCE = 1e-3  # rad
 # of the squared norm of a quaternion, for two digits of each part; tf2 has 0.01
 SQUARE_TOLERANCE = 0.02
-CARRIAGES = Carriages._fields
 POSE_NUMBERS = (
     'x',
     'y',
@@ -203,14 +203,14 @@ def carriages_from(
         raise InputError(
             'names', f'{name} has {len(values)} values for {len(names)} names'
         )
-    if tuple(names) != CARRIAGES and sorted(names) != sorted(CARRIAGES):
+    if tuple(names) != AXIS_NAMES and sorted(names) != sorted(AXIS_NAMES):
         raise InputError(
             'names',
             f'{name} names {quoted(list(names))}, expected each of '
-            f'{", ".join(CARRIAGES)} once',
+            f'{", ".join(AXIS_NAMES)} once',
         )
     require_finite(names, values, f'{name} of')
-    q1, q2, q3 = (values[names.index(carriage)] for carriage in CARRIAGES)
+    q1, q2, q3 = (values[names.index(carriage)] for carriage in AXIS_NAMES)
     return q1, q2, q3
 
 

@@ -21,6 +21,7 @@ from facade_manipulator.kinematics import (
     Geometry,
     Mechanism,
 )
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.nodes import conversions, messages
 from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
@@ -166,7 +167,7 @@ class GondolaSimulatorNode(BaseNode):
             self._publish(
                 topics.CARRIAGE_FORCES.name,
                 world.time,
-                name=messages.CARRIAGES,
+                name=AXIS_NAMES,
                 effort=-world.data.actuator_force,
             )  # for the drives
 

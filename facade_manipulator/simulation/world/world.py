@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from facade_manipulator.kinematics import Carriages, Geometry, Pose, Wrench
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.simulation.world import sensors
 from facade_manipulator.simulation.world.model import build_model, initial_state
 from facade_manipulator.simulation.world.scenario import Scenario
@@ -105,9 +106,7 @@ class World:
     @property
     def carriages(self) -> Carriages:
         """Return the positions of the carriages [m]."""
-        return Carriages(
-            *(float(self.data.joint(name).qpos[0]) for name in Carriages._fields)
-        )
+        return Carriages(*(float(self.data.joint(name).qpos[0]) for name in AXIS_NAMES))
 
     @property
     def wrench(self) -> Wrench:

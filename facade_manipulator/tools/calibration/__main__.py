@@ -13,7 +13,7 @@ import numpy as np
 
 from facade_manipulator.commands import above_zero, exit_status
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.nodes.messages import CARRIAGES
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.parameters import settings_from
 from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.resources import machine_files
@@ -53,7 +53,7 @@ def plan_poses(options: argparse.Namespace) -> Iterator[str]:
 
 def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
     """Yield the geometric errors of the machine and the lines of the parameter file."""
-    drawing, table = _geometry(options), read_table(options.table, CARRIAGES, AXES)
+    drawing, table = _geometry(options), read_table(options.table, AXIS_NAMES, AXES)
     measurements = geometry.Measurements(table[:, :3], table[:, 3:])
     noise = np.take(options.noise, [0, 0, 1]) * [1e-3, 1e-3, math.radians(1.0)]
     found = geometry.fit_geometry(drawing, measurements, noise, options.frame)

@@ -10,7 +10,7 @@ import sys
 from typing import Any
 
 from facade_manipulator.commands import exit_status
-from facade_manipulator.drives.axis_settings import AXIS_NAMES
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.tools.commissioning import (
     drive_settings,
     measure,

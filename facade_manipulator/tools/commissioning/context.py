@@ -22,11 +22,12 @@ from facade_manipulator.canopen.bus import CanBus, open_bus
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.canopen.sdo import SdoChannel
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, check_axes
+from facade_manipulator.drives.axis_settings import AxisSettings, check_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import decode_state, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, DriveError, ParameterError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.parameters import read_value, settings_from
 from facade_manipulator.resources import (
     atomic_write,

@@ -23,9 +23,10 @@ from facade_manipulator.canopen.eds import read_dictionary, variables
 from facade_manipulator.canopen.pdo import Write
 from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel, Steps
 from facade_manipulator.drives import configuration
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings
+from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.errors import CommissioningError, DriveObjectError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.resources import atomic_write
 from facade_manipulator.tools.commissioning.context import Context
 

@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from facade_manipulator.canopen import indices
-from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import AxisSnapshot
 from facade_manipulator.errors import CommissioningError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.motion import Motion, powered
 

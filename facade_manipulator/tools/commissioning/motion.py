@@ -15,13 +15,14 @@ from dataclasses import replace
 import math
 import signal
 
-from facade_manipulator.drives.axis_settings import AXIS_NAMES, AxisSettings, Triple
+from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.homing import METHODS_AT_PRESENT_POSITION
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import AxisSnapshot
 from facade_manipulator.drives.targets import MechanismChecks, ROUNDING
 from facade_manipulator.errors import CommissioningError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 from facade_manipulator.tools.commissioning.context import Context
 
 ACCELERATION = 1.0  # m/s²
@@ -53,7 +54,7 @@ class _Ramp:
         """Return whether the targets are at rest."""
         return self.speed == 0.0
 
-    def reset(self, positions: Triple) -> None:
+    def reset(self, positions: PerCarriage) -> None:
         """Start at positions [m]."""
         self._start, self.displacement, self.speed = positions, 0.0, 0.0
         self._before = self.displacement, self.speed
@@ -69,7 +70,7 @@ class _Ramp:
         """Undo the last `sample`, whose positions were not sent."""
         self.displacement, self.speed = self._before
 
-    def sample(self, reach_time: float) -> Triple:
+    def sample(self, reach_time: float) -> PerCarriage:
         """Return the positions one cycle later [m]."""
         self._before = self.displacement, self.speed
         slack, direction = ACCELERATION * self._period, math.copysign(1.0, self.goal)

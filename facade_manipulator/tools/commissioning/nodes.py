@@ -20,9 +20,9 @@ from facade_manipulator.canopen.lss import (
     UNCONFIGURED,
 )
 from facade_manipulator.drives import configuration
-from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.profile import fitting_profile
 from facade_manipulator.errors import CommissioningError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.tool_bus import (
     BOOT_TIMEOUT,

@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.drives.axis_settings import AXIS_NAMES
 from facade_manipulator.drives.snapshot import AxisSnapshot
 from facade_manipulator.drives.states import AxisCommand, Controlword, Mode, State
 from facade_manipulator.errors import CommissioningError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.tools.commissioning.braking_curve import (
     Deceleration,
     fit_deceleration,
