@@ -186,7 +186,7 @@ def test_live_contact_force_and_arrival_reach_the_compensator(ros):
     )
     assert [result.reason for result in results] == [''] * len(changes)
     assert node._compensator.contact.pressing.settings.force == 20.0
-    assert node._progress.watch.settings.distance == 0.01
+    assert node._goals.settings.distance == 0.01
 
 
 @pytest.mark.parametrize('name', ['distances', 'fixes', 'poses', 'wall.levels'])
