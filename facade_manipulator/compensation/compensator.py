@@ -45,18 +45,27 @@ from facade_manipulator.motion.reference import (
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings
 
+DRIVE_LAG = 0.015  # s, controller.drive_lag of the shipped parameters
+TRANSPORT = 0.01  # s, from a corrected pose to the cycle that uses its setpoint
 LONGEST_INTERVAL = 0.1  # s, a longer pause counts as this interval
 
 
 @settings
 class CompensationSettings:
-    """Settings of the compensation: lead and minimum conditioning of corrected poses."""
+    """Settings of the compensation: rate, lead and minimum conditioning of corrected poses."""
 
+    rate: float = parameter(
+        'Rate of corrected poses',
+        default=100.0,
+        unit='Hz',
+        minimum=10.0,
+        maximum=1000.0,
+    )
     horizon: float = parameter(
-        'Lead of the instant of a corrected pose over its publication',
-        default=0.06,
+        'Lead of the instant of a corrected pose over its publication; 0: computed from rate',
+        default=0.0,
         unit='s',
-        minimum=0.005,
+        minimum=0.0,
         maximum=0.5,
     )
     min_conditioning: float = parameter(
@@ -65,6 +74,17 @@ class CompensationSettings:
         minimum=0.0,
         maximum=1.0,
     )
+
+    @property
+    def lead(self) -> float:
+        """
+        Return the lead of corrected poses [s].
+
+        Without a set horizon it is the delay of the commands: two periods, because the drives
+        latch a target at the next SYNC and interpolate to it for one more, their lag, and the
+        time until a setpoint is read. A setpoint that is read later is extrapolated.
+        """
+        return self.horizon or 2.0 / self.rate + DRIVE_LAG + TRANSPORT
 
 
 class CorrectedPose(NamedTuple):
@@ -160,7 +180,7 @@ class Compensator:
                 'hold rejected: the head follows no goal; next: send a goal'
             )
         self.goal = self._reference.stop(
-            max(self.newest.time, now + self.settings.horizon) + self.following.lag
+            max(self.newest.time, now + self.settings.lead) + self.following.lag
         )
         return self.goal
 
@@ -205,7 +225,7 @@ class Compensator:
         The present time [s] is later than at the previous update; if the clock was set, the path
         begins again.
         """
-        time = now + self.settings.horizon
+        time = now + self.settings.lead
         if self.newest is not None and (
             not -LONGEST_INTERVAL <= time - self.newest.time <= LONGEST_PAUSE
         ):

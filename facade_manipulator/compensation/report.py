@@ -41,7 +41,8 @@ def correction_component(
 ) -> Component:
     """Return the component of the correction; `left_out` is height and tilt [m, rad]."""
     correction, lag = compensator.correction, compensator.following.lag
-    horizon, newest = compensator.settings.horizon, compensator.newest
+    horizon = compensator.settings.lead
+    newest = compensator.newest
     values: dict[str, Any] = {
         'horizon [ms]': 1e3 * horizon,
         'age of the estimate [ms]': 1e3 * correction.age(now),

@@ -50,7 +50,6 @@ from facade_manipulator.nodes.driver_status import DriverStatus, SILENT
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
-from facade_manipulator.nodes.settings import RateSettings
 
 if TYPE_CHECKING:
     from facade_manipulator.nodes.ik_service import IkServiceNode
@@ -78,7 +77,6 @@ class CompensatorNode(BaseNode):
     def __init__(self, connects_later: bool = False, **kwargs: Any) -> None:
         super().__init__('compensator', **kwargs)
         geometry = declare(self, Geometry, 'geometry')
-        rate = declare(self, RateSettings).rate
         self._compensator = Compensator(
             geometry,
             CompensatorSettings(
@@ -145,7 +143,7 @@ class CompensatorNode(BaseNode):
         self.create_service(*topics.ENABLE, self._enable)
         self.create_service(*topics.TARE, partial(self._answer, self._tare))
         self.create_service(*topics.HOLD, partial(self._answer, self._hold))
-        steady_timer(self, 1.0 / rate, self._update)
+        steady_timer(self, 1.0 / self._compensator.settings.rate, self._update)
         steady_timer(self, command_gate.PERIOD, self._report_change)
         if not connects_later:
             self.connect(None)

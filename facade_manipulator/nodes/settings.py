@@ -32,19 +32,6 @@ class DriverSettings:
 
 
 @settings
-class RateSettings:
-    """Rate of the compensator [Hz]."""
-
-    rate: float = parameter(
-        'Rate of corrected poses',
-        default=100.0,
-        unit='Hz',
-        minimum=10.0,
-        maximum=1000.0,
-    )
-
-
-@settings
 class SimulatorSettings:
     """Choice of the simulated world; the file of the scenario contains all values."""
 

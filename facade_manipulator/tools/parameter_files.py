@@ -24,12 +24,7 @@ from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.reference import ReferenceSettings
 from facade_manipulator.motion.setpoints import GoalSettings
-from facade_manipulator.nodes.settings import (
-    DriverSettings,
-    OF_ROS,
-    RateSettings,
-    SimulatorSettings,
-)
+from facade_manipulator.nodes.settings import DriverSettings, OF_ROS, SimulatorSettings
 from facade_manipulator.parameters import (
     full_name,
     nearest,
@@ -103,7 +98,6 @@ def _read_ik_service(read: Read) -> None:
 def _read_compensator(read: Read) -> None:
     """Read all settings of the compensator."""
     read(Geometry, 'geometry')
-    read(RateSettings)
     for part, default in DEFAULTS._asdict().items():
         read(type(default), '' if part == 'compensation' else part)
     read(ArrivalSettings, 'arrival')

@@ -88,7 +88,7 @@ class CompensatedHead:
                     self.accepted += 1
             self.outputs.append(self.update())
             if self._lag is not None:
-                delay = round((self.compensator.settings.horizon + self._lag) / PERIOD)
+                delay = round((self.compensator.settings.lead + self._lag) / PERIOD)
                 reached = self.outputs[:-delay]
                 self.head = reached[-1].pose if reached and reached[-1] else self.head
         return self

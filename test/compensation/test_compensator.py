@@ -119,7 +119,7 @@ def test_goal_error_vanishes_under_a_constant_disturbance():
     assert compensator.goal_error(run.now) is None
     compensator.set_goal(GOAL)
     run.run(5.0)
-    assert run.last.time == pytest.approx(run.now + CompensationSettings().horizon)
+    assert run.last.time == pytest.approx(run.now + CompensationSettings().lead)
     assert run.on_wall == pytest.approx(tuple(GOAL), abs=2e-4)
     assert max(map(abs, compensator.goal_error(run.now))) < 1e-4
     assert compensator.path_time(run.now) < 0.0
@@ -209,3 +209,16 @@ def test_contact_settings_change_without_a_jump():
     y = run.run(2.0).all('pose')[:, 1]
     assert y.min() == pytest.approx(GOAL.y - 0.05) and y[-1] == pytest.approx(GOAL.y)
     assert abs(np.diff(y)).max() <= 0.04 * PERIOD + 1e-9
+
+
+@pytest.mark.parametrize(
+    ('settings', 'lead'),
+    [
+        (CompensationSettings(), 0.045),
+        (CompensationSettings(rate=50.0), 0.065),
+        (CompensationSettings(rate=500.0), 0.029),
+        (CompensationSettings(rate=50.0, horizon=0.08), 0.08),
+    ],
+)
+def test_lead_covers_the_delay_of_commands_unless_set(settings, lead):
+    assert settings.lead == pytest.approx(lead)

@@ -79,7 +79,7 @@ def test_correction_values_have_the_unit_of_their_key(compensator):
     )
     deviations = compensator.correction.deviations(100.067)
     assert values == {
-        'horizon [ms]': pytest.approx(60.0),
+        'horizon [ms]': pytest.approx(45.0),
         'age of the estimate [ms]': pytest.approx(50.0),
         'lag of the head [ms]': pytest.approx(7.0),
         'initialisations': 0,

@@ -143,7 +143,7 @@ def test_goal_is_corrected_until_disabled_silent_or_tared(neighbours):
         tuple(GOAL), abs=1e-6
     )
     neighbours.until_status('correction', 'compensating', 'ok')
-    assert neighbours.value('correction', 'horizon [ms]') == '60'
+    assert neighbours.value('correction', 'horizon [ms]') == '45'
     for is_enabled, direction, left in (
         (False, 'out', ZERO_POSE),
         (True, 'in', DISTURBANCE),
