@@ -13,7 +13,6 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import Cause
-from facade_manipulator.drives.snapshot import ControllerState as Doing
 from facade_manipulator.drives.states import (
     Controlword,
     Mode,
@@ -23,6 +22,11 @@ from facade_manipulator.drives.states import (
 )
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.simulation.drives.automaton import decode_command, TRANSITIONS
+
+try:
+    from facade_manipulator.drives.group_state import GroupState
+except ImportError:
+    from facade_manipulator.drives.snapshot import ControllerState as GroupState
 
 PERIOD = 0.01  # s
 SETTINGS = ControllerSettings()
@@ -72,7 +76,7 @@ class Drives:
     def ask(self, request, *arguments) -> None:
         request(self.group, *arguments, now=self.now)
 
-    def until(self, state: Doing) -> None:
+    def until(self, state: GroupState) -> None:
         for _ in range(1000):
             if self.group.state is state:
                 return
@@ -87,22 +91,22 @@ def is_enabling(command) -> bool:
     return decode_command(command.controlword) is Controlword.ENABLE_OPERATION
 
 
-def on_the_way_to(state: Doing) -> Drives:
+def on_the_way_to(state: GroupState) -> Drives:
     drives = Drives()
-    drives.ask(Group.home if state is Doing.HOMING else Group.enable)
+    drives.ask(Group.home if state is GroupState.HOMING else Group.enable)
     drives.until(state)
     drives.cycle()
     return drives
 
 
-running = partial(on_the_way_to, Doing.ACTIVE)
+running = partial(on_the_way_to, GroupState.ACTIVE)
 
 
 def halted() -> Drives:
     drives = running()
     drives.ask(Group.halt)
     drives.cycle(2)
-    assert drives.group.state is Doing.HALTED and drives.group.is_settled
+    assert drives.group.state is GroupState.HALTED and drives.group.is_settled
     return drives
 
 
@@ -117,11 +121,11 @@ def ramping() -> Drives:
 
 SITUATIONS = {
     'off': Drives,
-    'enabling': partial(on_the_way_to, Doing.ACTIVATING),
+    'enabling': partial(on_the_way_to, GroupState.ACTIVATING),
     'running': running,
     'ramping': ramping,
     'halted': halted,
-    'homing': partial(on_the_way_to, Doing.HOMING),
+    'homing': partial(on_the_way_to, GroupState.HOMING),
 }
 situations = pytest.mark.parametrize('situation', SITUATIONS)
 
@@ -133,7 +137,7 @@ def test_no_drive_is_enabled_before_all_are_on():
     drives = Drives()
     drives.deaf = {1}
     drives.ask(Group.enable)
-    drives.until(Doing.STOPPED)
+    drives.until(GroupState.STOPPED)
     assert not any(map(is_enabling, drives.commands(0)))
     assert 'q2 did not get ready to switch on' in drives.group.reason
     assert (
@@ -146,7 +150,7 @@ def test_carriages_that_do_not_rest_are_stopped():
     drives = ramping()
     drives.cycle(50)
     assert drives.group.is_ramping and all(map(is_enabling, drives.commands()))
-    drives.until(Doing.STOPPED)
+    drives.until(GroupState.STOPPED)
     assert 'still moving' in drives.group.reason
 
 
@@ -157,7 +161,7 @@ def test_halt_is_accepted_and_ends_all_motion(situation):
     drives.ask(Group.halt)
     drives.cycle(50)
     is_held = situation in ('running', 'ramping', 'halted')
-    assert drives.group.state is (Doing.HALTED if is_held else Doing.INACTIVE)
+    assert drives.group.state is (GroupState.HALTED if is_held else GroupState.INACTIVE)
     assert drives.group.is_settled and not drives.group.causes
     assert drives.states == (ENABLED if is_held else OFF)
     assert not any(
@@ -172,11 +176,13 @@ def test_halt_in_any_cycle_of_activation_powers_off(cycles, latency):
     drives = Drives(latency)
     drives.ask(Group.enable)
     drives.cycle(cycles)
-    was_done = drives.group.state is Doing.ACTIVE and drives.group.is_settled
+    was_done = drives.group.state is GroupState.ACTIVE and drives.group.is_settled
     drives.ask(Group.halt)
     drives.cycle(20)
     assert not drives.group.causes
-    assert drives.group.state is (Doing.HALTED if was_done else Doing.INACTIVE)
+    assert drives.group.state is (
+        GroupState.HALTED if was_done else GroupState.INACTIVE
+    )
 
 
 @pytest.mark.parametrize('pause', [0, 1, 5])
@@ -185,14 +191,16 @@ def test_two_halts_in_an_activation_power_off(cycles, pause):
     drives = Drives()
     drives.ask(Group.enable)
     drives.cycle(cycles)
-    was_done = drives.group.state is Doing.ACTIVE and drives.group.is_settled
+    was_done = drives.group.state is GroupState.ACTIVE and drives.group.is_settled
     drives.at_rest = False
     drives.ask(Group.halt)
     drives.cycle(pause)
     drives.ask(Group.halt)
     drives.at_rest = True
     drives.cycle(20)
-    assert drives.group.state is (Doing.HALTED if was_done else Doing.INACTIVE)
+    assert drives.group.state is (
+        GroupState.HALTED if was_done else GroupState.INACTIVE
+    )
 
 
 @pytest.mark.parametrize('activation', [running, ramping])
@@ -217,7 +225,7 @@ def test_fault_of_one_drive_stops_all_at_once(situation, state):
     drives = SITUATIONS[situation]()
     drives.states[1] = state
     drives.cycle()
-    assert drives.group.state is Doing.STOPPED
+    assert drives.group.state is GroupState.STOPPED
     assert not any(map(is_enabling, drives.commands()))
     assert drives.group.causes[0].axis == 'q2' and drives.group.causes[0].is_vague
     assert f'is in the state {state.value} (statusword 00' in drives.group.reason
@@ -281,7 +289,7 @@ def test_power_is_cut_at_rest_or_after_timeout(ways, rests):
         assert drives.states == [State.QUICK_STOP_ACTIVE] * 3
     drives.at_rest = rests
     drives.cycle(10 if rests else 150)
-    assert drives.states == OFF and drives.group.state is Doing.STOPPED
+    assert drives.states == OFF and drives.group.state is GroupState.STOPPED
     assert drives.group.is_settled
 
 
@@ -372,7 +380,7 @@ def test_reset_leads_every_stopped_drive_to_off(states):
     drives.history.clear()
     drives.ask(Group.reset)
     drives.cycle(100)
-    assert drives.group.state is Doing.INACTIVE and not drives.group.causes
+    assert drives.group.state is GroupState.INACTIVE and not drives.group.causes
     assert drives.states == OFF
     words = [cycle[0].controlword for cycle in drives.history]
     assert words.count(Controlword.FAULT_RESET) == 1

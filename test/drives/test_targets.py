@@ -14,7 +14,6 @@ from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.profile import load_profile
-from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import AxisCommand, Mode
 from facade_manipulator.drives.targets import (
     MechanismChecks,
@@ -24,7 +23,12 @@ from facade_manipulator.drives.targets import (
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
-ACTIVE = ControllerState.ACTIVE
+try:
+    from facade_manipulator.drives.group_state import GroupState
+except ImportError:
+    from facade_manipulator.drives.snapshot import ControllerState as GroupState
+
+ACTIVE = GroupState.ACTIVE
 OFF, ON = (AxisCommand(word, Mode.CYCLIC_SYNCHRONOUS_POSITION) for word in (0x00, 0x0F))
 HERE, START = (-43_000, 43_000, 0), (-0.1, 0.1, 0.0)
 SETTINGS = ControllerSettings()
@@ -68,9 +72,9 @@ class Drives:
         self.targets = TargetSupervisor(
             self.group, settings, MechanismChecks(self.source)
         )
-        self.choose(ControllerState.INACTIVE, OFF)
+        self.choose(GroupState.INACTIVE, OFF)
 
-    def choose(self, state: ControllerState, command: AxisCommand = ON) -> None:
+    def choose(self, state: GroupState, command: AxisCommand = ON) -> None:
         self.group.state, self.group.follows = state, command is ON
         self.command(command)
         self.targets.choose(0.0)
@@ -90,12 +94,12 @@ class Drives:
 
 
 FOLLOWING = (
-    ControllerState.ACTIVATING,
-    ControllerState.ACTIVE,
-    ControllerState.DEACTIVATING,
-    ControllerState.HALTED,
+    GroupState.ACTIVATING,
+    GroupState.ACTIVE,
+    GroupState.DEACTIVATING,
+    GroupState.HALTED,
 )
-states = st.sampled_from(sorted(ControllerState, key=str))
+states = st.sampled_from(sorted(GroupState, key=str))
 numbers = st.one_of(st.floats(-0.6, 0.6), st.floats())
 
 
@@ -108,7 +112,7 @@ def test_steps_to_the_drives_stay_within_the_bound(cycles):
             drives.choose(state, ON if state in FOLLOWING else OFF)
         except ManipulatorError:
             assert drives.counts == before
-            drives.choose(ControllerState.STOPPED, AxisCommand(0x02, ON.mode))
+            drives.choose(GroupState.STOPPED, AxisCommand(0x02, ON.mode))
             continue
         if state in FOLLOWING:
             largest = LARGEST_STEP * DEFAULT_AXES[0].counts_per_metre + 1
@@ -127,7 +131,7 @@ def test_enabled_drives_hold_their_targets_without_following():
     assert drives.counts == HERE
 
 
-@pytest.mark.parametrize('state', [ControllerState.HOMING, *FOLLOWING])
+@pytest.mark.parametrize('state', [GroupState.HOMING, *FOLLOWING])
 def test_unknown_carriage_position_stops_all(state):
     drives = Drives()
     drives.group.state, drives.group.follows = state, state in FOLLOWING
