@@ -153,7 +153,7 @@ class ControlLoop:
         """Serve the node until it closes, ends, or is silent while the drives may have power."""
         self._feed()
         self._channel.send('started', self.controller.snapshot(), self.follower.status)
-        self.controller.notify(self._send_state)
+        self.controller.publish_to(self._send_state)
         try:
             while not self._ends:
                 self._turn()

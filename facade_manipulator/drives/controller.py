@@ -121,7 +121,7 @@ class DriveController:
         """Return the newest state of controller and axes, renewed up to 100 times a second."""
         return self._publication.newest
 
-    def notify(self, observe: Callable[[ControllerSnapshot], None]) -> None:
+    def publish_to(self, observe: Callable[[ControllerSnapshot], None]) -> None:
         """Pass each new snapshot to a function, which must not wait."""
         self.observe = observe
 

@@ -30,7 +30,8 @@ from facade_manipulator.drives.axis import Axis
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
+from facade_manipulator.drives.group_state import GroupState
+from facade_manipulator.drives.snapshot import Cause, Remedy
 from facade_manipulator.drives.targets import TargetSupervisor
 from facade_manipulator.errors import BusError
 
@@ -218,7 +219,7 @@ class CyclicExchange:
         before = self.group.state
         if self.has_started:
             self.group.stop(cause, self._now())
-            if before is not ControllerState.STOPPED:
+            if before is not GroupState.STOPPED:
                 self._send_commands()
 
     # --- the cycle
@@ -334,7 +335,7 @@ class CyclicExchange:
     def _failures(self) -> list[Cause]:
         """Return the causes of a stop by silent drives, and by the cycle unless stopped."""
         group = self.group
-        is_running = group.state is not ControllerState.STOPPED
+        is_running = group.state is not GroupState.STOPPED
         causes = []
         if is_running or group.is_stopped:  # not while a cleanup cuts the power
             causes += self._silences()

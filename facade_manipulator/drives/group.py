@@ -13,8 +13,9 @@ from facade_manipulator.drives import plans
 from facade_manipulator.drives.axis import Axis
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.feedback import Feedback
+from facade_manipulator.drives.group_state import GroupState
 from facade_manipulator.drives.plans import Plan
-from facade_manipulator.drives.snapshot import Cause, ControllerState
+from facade_manipulator.drives.snapshot import Cause
 from facade_manipulator.drives.states import (
     AxisCommand,
     Controlword,
@@ -35,8 +36,8 @@ class Group:
 
     Attributes
     ----------
-    state : ControllerState
-        One of the eight states of the group.
+    state : GroupState
+        State of the group, that of the present step.
     follows, is_ramping : bool
         Whether targets are commanded, and whether only until the carriages are at rest.
     is_settled : bool
@@ -65,12 +66,12 @@ class Group:
     @property
     def is_stopped(self) -> bool:
         """Return whether a cause has stopped the drives and was not cleared yet."""
-        return self.state is ControllerState.STOPPED and bool(self.causes)
+        return self.state is GroupState.STOPPED and bool(self.causes)
 
     @property
     def has_stopped(self) -> bool:
         """Return whether the drives have had the time and the commands to stop."""
-        return self.state is ControllerState.STOPPED and len(self._plan) == 1
+        return self.state is GroupState.STOPPED and len(self._plan) == 1
 
     @property
     def reason(self) -> str:
@@ -82,7 +83,7 @@ class Group:
         """Return the cause with a sufficient remedy: one that requires configure, or the first."""
         return min(self.causes, key=lambda one: not one.configure_again, default=None)
 
-    def has_done(self, *states: ControllerState) -> bool:
+    def has_done(self, *states: GroupState) -> bool:
         """Return whether all drives have reached one of these states of the group."""
         return self.state in states and self.is_settled
 
@@ -98,8 +99,8 @@ class Group:
 
         Raises a DriveStateError unless all drives are switched off or halted.
         """
-        is_halted = self.state is ControllerState.HALTED
-        is_off = self.state is ControllerState.INACTIVE
+        is_halted = self.state is GroupState.HALTED
+        is_off = self.state is GroupState.INACTIVE
         self._require('activate', is_halted or is_off, is_settled=True)
         self._begin(
             plans.FOLLOW
@@ -114,7 +115,7 @@ class Group:
 
         Raises a DriveStateError unless all drives are switched off.
         """
-        self._require('home', self.state is ControllerState.INACTIVE, is_settled=True)
+        self._require('home', self.state is GroupState.INACTIVE, is_settled=True)
         for axis in self.axes:
             axis.begin_homing(self._settings.period)
         self._begin(plans.HOME, now)
@@ -134,7 +135,7 @@ class Group:
         if plan is not None:
             self._begin(plan, now)
             return True
-        return self._plan[0].to_rest and self.state is not ControllerState.STOPPED
+        return self._plan[0].to_rest and self.state is not GroupState.STOPPED
 
     def reset(self, now: float) -> None:
         """
@@ -156,7 +157,7 @@ class Group:
         Raises a DriveStateError if there is no stop to clear, or the drives must be configured
         again.
         """
-        self._require('clear_faults', self.state is ControllerState.STOPPED)
+        self._require('clear_faults', self.state is GroupState.STOPPED)
         severest = self.severest_cause
         if severest is not None and severest.configure_again:
             raise DriveStateError(
@@ -179,12 +180,12 @@ class Group:
             self.causes = first + (*further, cause)[-MAX_FURTHER_CAUSES:]
         if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:
             self._begin(plans.STOP_AND_CUT_POWER, now)
-        elif self.state is not ControllerState.STOPPED:
+        elif self.state is not GroupState.STOPPED:
             self._begin(plans.STOP, now)
 
     def cut_power(self, now: float) -> None:
         """Cut the power when all carriages are at rest; the end state is stopped."""
-        is_off = self.state is ControllerState.INACTIVE
+        is_off = self.state is GroupState.INACTIVE
         self._begin(plans.CUT_POWER if is_off else plans.STOP_AND_CUT_POWER, now)
 
     # --- the cycle
@@ -200,14 +201,14 @@ class Group:
         self._supervise(now)
         if self.is_settled and self._plan[0].mode is not None:
             self._has_shown_mode = True
-        if self.state is ControllerState.ACTIVE and self.is_settled:
+        if self.state is GroupState.ACTIVE and self.is_settled:
             self.is_confirmed = True
         if self.is_settled and len(self._plan) > 1 and not self._due_rank():
             self._begin(self._plan[1:], now)
-            if self.state is ControllerState.INACTIVE:
+            if self.state is GroupState.INACTIVE:
                 self.causes = ()
                 self.not_responding.clear()
-        if self.state is ControllerState.HOMING:
+        if self.state is GroupState.HOMING:
             self._command_homing()
 
     def _command_homing(self) -> None:
@@ -222,7 +223,7 @@ class Group:
 
     def _due_rank(self) -> int:
         """Return the rank that homes now, the lowest with an axis not homed; 0 for none."""
-        if self.state is not ControllerState.HOMING:
+        if self.state is not GroupState.HOMING:
             return 0
         ranks = []
         for axis in self.axes:
@@ -242,7 +243,7 @@ class Group:
             if failure:
                 failures[axis.name] = failure
         self.is_settled = is_done and not failures
-        if failures and self.state is ControllerState.CLEARING:
+        if failures and self.state is GroupState.CLEARING:
             self.causes += tuple(one for one in self._cleared if one.axis in failures)
         for name, failure in failures.items():
             self._fail(name, failure, now)
@@ -295,11 +296,11 @@ class Group:
         is_enabled = decode_state(drive.statusword) is State.OPERATION_ENABLED
         if self._has_shown_mode and is_enabled and not has_mode:
             return 'has left its mode of operation'
-        is_following = self.follows and self.state is not ControllerState.ACTIVATING
+        is_following = self.follows and self.state is not GroupState.ACTIVATING
         return drive.disobedience if is_following else ''
 
     def _fail(self, name: str, failure: str, now: float) -> None:
-        if self.state is not ControllerState.STOPPED:
+        if self.state is not GroupState.STOPPED:
             self.stop(Cause(failure, axis=name, is_vague=True), now)
         elif name not in self.not_responding and (
             self.has_stopped or now > self._deadline

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.drives.group_state import GroupState
 from facade_manipulator.drives.states import Controlword, Mode, State
 
 
 class Step(NamedTuple):
     """Step with a controlword, and the CiA 402 states of a drive that has received it."""
 
-    state: ControllerState  #: of the group during the step
+    state: GroupState  #: of the group during the step
     purpose: str  #: completes the message "q2 did not …"
     controlword: int
     goal: frozenset[State]  #: states of a drive that has done the step
@@ -42,7 +42,7 @@ FAULT_STATES = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
 
 def _power_on(mode: int) -> Plan:
     """Return the steps from switch on disabled to operation enabled in a mode of operation."""
-    begin = ControllerState.ACTIVATING
+    begin = GroupState.ACTIVATING
     return (
         Step(
             begin,
@@ -59,10 +59,11 @@ def _power_on(mode: int) -> Plan:
     )
 
 
-_END, _CLEAR = ControllerState.DEACTIVATING, ControllerState.CLEARING
+_END = GroupState.DEACTIVATING
+_CLEAR = GroupState.CLEARING
 OFF = (
     Step(
-        ControllerState.INACTIVE,
+        GroupState.INACTIVE,
         'switch off',
         Controlword.DISABLE_VOLTAGE,
         _OFF,
@@ -72,7 +73,7 @@ OFF = (
 )
 FOLLOW = (
     Step(
-        ControllerState.ACTIVE,
+        GroupState.ACTIVE,
         'stay in operation',
         Controlword.ENABLE_OPERATION,
         _ENABLED,
@@ -95,8 +96,8 @@ POWER_DOWN = (  # a drive may skip states while it powers down, not while it pow
 _RAMP = _FOLLOW._replace(state=_END, purpose='come to rest', to_rest=True)
 DISABLE = (_RAMP, *POWER_DOWN)
 HALT = (
-    _RAMP._replace(state=ControllerState.HALTED),
-    _FOLLOW._replace(state=ControllerState.HALTED),
+    _RAMP._replace(state=GroupState.HALTED),
+    _FOLLOW._replace(state=GroupState.HALTED),
 )
 END_HOMING = (
     Step(
@@ -114,7 +115,7 @@ END_HOMING = (
 HOME = (
     *_power_on(Mode.HOMING),
     Step(
-        ControllerState.HOMING,
+        GroupState.HOMING,
         'hold for homing',
         Controlword.ENABLE_OPERATION,
         _ENABLED,
@@ -125,7 +126,7 @@ HOME = (
 # the drives first show the effect of the previous command, which is still on its way
 GIVE_UP_ENABLING = (OFF[0]._replace(state=_END, min_cycles=4), *OFF)
 _STOP = Step(
-    ControllerState.STOPPED,
+    GroupState.STOPPED,
     'stop',
     Controlword.QUICK_STOP,
     _ANY - _ENABLED,
@@ -136,7 +137,7 @@ _STOP = Step(
 STOP = (_STOP, _STOP._replace(purpose='stay stopped', to_rest=False))
 CUT_POWER = (
     Step(
-        ControllerState.STOPPED,
+        GroupState.STOPPED,
         'lose power',
         Controlword.DISABLE_VOLTAGE,
         _OFF | FAULT_STATES,
@@ -163,7 +164,7 @@ RESET = (
 def enable_plan(hold_cycles: int) -> Plan:
     """Return the plan that powers on, holds for a number of cycles, and follows targets."""
     hold = _FOLLOW._replace(
-        state=ControllerState.ACTIVATING, purpose='hold', min_cycles=hold_cycles
+        state=GroupState.ACTIVATING, purpose='hold', min_cycles=hold_cycles
     )
     return *_power_on(Mode.CYCLIC_SYNCHRONOUS_POSITION), hold, *FOLLOW
 
@@ -176,12 +177,12 @@ def halt_plan(step: Step, is_confirmed: bool) -> Plan | None:
     a homing or an activation, and powers the drives off. A plan that already ends so continues,
     because a repeated halt must not extend its time.
     """
-    if step.state is ControllerState.HOMING:
+    if step.state is GroupState.HOMING:
         return END_HOMING
-    if step.state is ControllerState.ACTIVATING and not step.follows:
+    if step.state is GroupState.ACTIVATING and not step.follows:
         return GIVE_UP_ENABLING
-    if not step.follows or step.state is ControllerState.HALTED:
+    if not step.follows or step.state is GroupState.HALTED:
         return None
     if is_confirmed:
         return HALT
-    return None if step.state is ControllerState.DEACTIVATING else DISABLE
+    return None if step.state is GroupState.DEACTIVATING else DISABLE

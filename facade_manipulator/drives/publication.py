@@ -119,7 +119,9 @@ def present_state(controller: DriveController) -> ControllerState:
         return controller.running.request.state
     if bus.lost:
         return ControllerState.BUS_LOST
-    return group.state if bus.is_configured else ControllerState.UNCONFIGURED
+    if not bus.is_configured:
+        return ControllerState.UNCONFIGURED
+    return ControllerState(group.state.value)
 
 
 def _next_step(controller: DriveController, state: ControllerState) -> str:

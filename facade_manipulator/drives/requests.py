@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from facade_manipulator.canopen.sdo import Steps
 from facade_manipulator.drives.axis import positions_of
+from facade_manipulator.drives.group_state import GroupState
 from facade_manipulator.drives.sdo_access import SdoAccess
 from facade_manipulator.drives.shut_down import cut_power_and_close
 from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
@@ -60,7 +61,7 @@ def home(controller: DriveController) -> Steps[str]:
     controller.require_power_allowed('home')
     positions_of(axes)
     group.home(controller.now)
-    while not (group.is_stopped or group.has_done(ControllerState.INACTIVE)):
+    while not (group.is_stopped or group.has_done(GroupState.INACTIVE)):
         for axis in axes:
             axis.watch_home()
         yield
@@ -82,7 +83,7 @@ def activate(controller: DriveController) -> Steps[str]:
     """Power the drives if the carriages are homed and inside limits, then follow targets."""
     group = controller.group
     controller.require_power_allowed('activate')
-    if group.state is ControllerState.INACTIVE:
+    if group.state is GroupState.INACTIVE:
         unhomed = controller.unhomed
         if unhomed:
             raise DriveStateError(
@@ -97,14 +98,14 @@ def activate(controller: DriveController) -> Steps[str]:
                 'next: move the carriages by hand'
             ) from error
     group.enable(controller.now)
-    yield from until(controller, ControllerState.ACTIVE)
+    yield from until(controller, GroupState.ACTIVE)
     return 'The drives are powered and follow setpoints.'
 
 
 def deactivate(controller: DriveController) -> Steps[str]:
     """Come to rest on the path, then power off."""
     controller.group.disable(controller.now)
-    yield from until(controller, ControllerState.INACTIVE)
+    yield from until(controller, GroupState.INACTIVE)
     return 'The carriages are at rest.'
 
 
@@ -114,12 +115,12 @@ def halt(controller: DriveController) -> Steps[str]:
     before = group.state
     if not group.halt(controller.now):
         return 'No carriage moves.'
-    yield from until(controller, ControllerState.HALTED, ControllerState.INACTIVE)
-    if group.state is ControllerState.HALTED:
+    yield from until(controller, GroupState.HALTED, GroupState.INACTIVE)
+    if group.state is GroupState.HALTED:
         return 'The carriages are at rest and hold their positions.'
-    if before is ControllerState.HOMING:
+    if before is GroupState.HOMING:
         return 'Homing is cancelled.'
-    if before is ControllerState.DEACTIVATING:  # by an earlier halt
+    if before is GroupState.DEACTIVATING:  # by an earlier halt
         return 'The carriages are at rest.'
     return 'The activation is cancelled.'
 
@@ -128,7 +129,7 @@ def clear_faults(controller: DriveController) -> Steps[str]:
     """End a halt, or prove that the drives are as configured and reset their faults."""
     group = controller.group
     reason = group.reason
-    if group.state is ControllerState.HALTED:
+    if group.state is GroupState.HALTED:
         group.enable(controller.now)
         return 'The halt is ended; the drives follow setpoints.'
     if not reason:
@@ -152,7 +153,7 @@ def clear_faults(controller: DriveController) -> Steps[str]:
     while not group.has_stopped:
         yield
     group.reset(controller.now)
-    while not (group.is_stopped or group.has_done(ControllerState.INACTIVE)):
+    while not (group.is_stopped or group.has_done(GroupState.INACTIVE)):
         yield
     if group.is_stopped:
         causes = '; '.join(cause.message for cause in group.causes)
@@ -195,7 +196,7 @@ def close(controller: DriveController) -> Steps[str]:
             cause = Cause('the drive controller is being closed')
             group.stop(cause, controller.now)
     while not controller.bus.lost and controller.now <= end:
-        if group.has_stopped or group.state is ControllerState.INACTIVE:
+        if group.has_stopped or group.state is GroupState.INACTIVE:
             break
         yield
     try:

@@ -21,9 +21,13 @@ from facade_manipulator.drives.states import (
 
 
 class ControllerState(Enum):
-    """State of the controller: that of the group of axes, of a request or of the bus."""
+    """
+    State that the operator reads: that of the group, of a request or of the bus.
 
-    # of the group
+    The controller holds these three separately, and publishes one of them (`publication`).
+    """
+
+    # of the group: the values of `GroupState`
     INACTIVE = 'inactive'
     HOMING = 'homing'
     ACTIVATING = 'activating'
@@ -32,7 +36,7 @@ class ControllerState(Enum):
     DEACTIVATING = 'deactivating'
     STOPPED = 'stopped'
     CLEARING = 'clearing faults'
-    # of a request
+    # of a request in progress, or one of the group
     CONFIGURING = 'configuring'
     HALTING = 'halting'
     TESTING = 'testing itself'

@@ -8,8 +8,8 @@ from facade_manipulator.canopen.sdo import Steps
 from facade_manipulator.drives import realtime
 from facade_manipulator.drives.axis import Axis
 from facade_manipulator.drives.exchange import CyclicExchange
+from facade_manipulator.drives.group_state import GroupState
 from facade_manipulator.drives.sdo_access import IS_OPERATIONAL, SdoAccess
-from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.waiting import each, until_all
 from facade_manipulator.errors import DriveError, DriveStateError
 from facade_manipulator.timeouts import ASKING_TIMEOUT
@@ -139,7 +139,7 @@ def start_cycle(controller: DriveController, exchange: CyclicExchange) -> Steps[
     end = controller.now + settings.step_timeout + SLOWEST * settings.period
     while not group.is_stopped:
         silent = _silent_pdos(controller)
-        if not silent and group.has_done(ControllerState.INACTIVE):
+        if not silent and group.has_done(GroupState.INACTIVE):
             break
         if silent and controller.now > end:
             raise DriveError(

@@ -18,7 +18,8 @@ from facade_manipulator.drives.axis import positions_of
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import Group
-from facade_manipulator.drives.snapshot import Cause, ControllerState, Remedy
+from facade_manipulator.drives.group_state import GroupState
+from facade_manipulator.drives.snapshot import Cause, Remedy
 from facade_manipulator.errors import ManipulatorError, SetpointLimitError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 
@@ -70,13 +71,13 @@ class TargetSupervisor:
         self._latched: deque[PerCarriage] = deque(
             maxlen=ceil(self._age) + settings.max_missed_cycles + 2
         )
-        self._state = ControllerState.INACTIVE
+        self._state = GroupState.INACTIVE
         self._remember()
 
     def supervise(self, now: float) -> None:
         """Stop all three carriages if one is not at its commanded position."""
         group = self._group
-        is_homing = group.state is ControllerState.HOMING
+        is_homing = group.state is GroupState.HOMING
         if not is_homing and not group.follows:
             return
         try:
@@ -195,16 +196,14 @@ class TargetSupervisor:
             self._follow_carriages()
             return
 
-        is_resumed = (
-            state is ControllerState.ACTIVE and before is ControllerState.HALTED
-        )
+        is_resumed = state is GroupState.ACTIVE and before is GroupState.HALTED
         held = self.positions
         if held is None or is_resumed:
             held = self._begin_at_targets()
-        if state is ControllerState.ACTIVATING:
+        if state is GroupState.ACTIVATING:
             return
         source = self.mechanism.source
-        if state is not ControllerState.ACTIVE:
+        if state is not GroupState.ACTIVE:
             source.hold()
         self._use(source.sample(reach_time), held)
 

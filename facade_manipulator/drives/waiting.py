@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from facade_manipulator.canopen.sdo import Result, Steps
 from facade_manipulator.drives.axis import Axis
+from facade_manipulator.drives.group_state import GroupState
 from facade_manipulator.drives.sdo_access import DriveSteps, SdoAccess
-from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import DriveError, joined
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ TURN_TIMEOUT = (
 )
 
 
-def until(controller: DriveController, *states: ControllerState) -> Steps[None]:
+def until(controller: DriveController, *states: GroupState) -> Steps[None]:
     """
     Wait until all drives have reached one of the states of the group.
 
