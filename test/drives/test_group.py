@@ -11,6 +11,7 @@ from facade_manipulator.drives.axis import Axis
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.group import Group
+from facade_manipulator.drives.group_state import GroupState
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import Cause
 from facade_manipulator.drives.states import (
@@ -22,11 +23,6 @@ from facade_manipulator.drives.states import (
 )
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.simulation.drives.automaton import decode_command, TRANSITIONS
-
-try:
-    from facade_manipulator.drives.group_state import GroupState
-except ImportError:
-    from facade_manipulator.drives.snapshot import ControllerState as GroupState
 
 PERIOD = 0.01  # s
 SETTINGS = ControllerSettings()

@@ -13,6 +13,7 @@ from facade_manipulator.drives.axis import Axis
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.group import Group
+from facade_manipulator.drives.group_state import GroupState
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import AxisCommand, Mode
 from facade_manipulator.drives.targets import (
@@ -22,11 +23,6 @@ from facade_manipulator.drives.targets import (
 )
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
-
-try:
-    from facade_manipulator.drives.group_state import GroupState
-except ImportError:
-    from facade_manipulator.drives.snapshot import ControllerState as GroupState
 
 ACTIVE = GroupState.ACTIVE
 OFF, ON = (AxisCommand(word, Mode.CYCLIC_SYNCHRONOUS_POSITION) for word in (0x00, 0x0F))
