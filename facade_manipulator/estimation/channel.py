@@ -21,24 +21,19 @@ from facade_manipulator.estimation.start import FirstMeasurements
 
 GATE = 4.0  # standard deviations: rejects 1 of 16 000 good measurements
 COASTING_GATE = 10.0  # without an IMU, because only an IMU shows a push
-NEW_LEVEL = (
-    8.0  # minimum distance of a new level from each known one, in standard deviations
-)
-NEAREST = (
-    3e-3  # m or rad, minimum between two levels: less than a mullion, more than a joint
-)
+# minimum distance of a new level from each known one, in standard deviations
+NEW_LEVEL = 8.0
+# m or rad, minimum between two levels: less than a mullion, more than a joint
+NEAREST = 3e-3
 TOLERANCE = 6.0  # standard deviations of the noise, within which measurements agree
-AGREEMENT, SPAN, FEWEST = (
-    0.8,
-    0.25,
-    4,
-)  # share, s and number of measurements that make a level
+AGREEMENT = 0.8  # share of the measurements that make a level
+SPAN = 0.25  # s, of these measurements
+FEWEST = 4  # minimum number of these measurements
 MOST = 12  # levels that are kept
 LARGEST = 20.0  # m: a larger distance was sent in another unit
 OUTLIER = math.inf
-SMOOTHING = (
-    0.02  # weight of a new measurement in running means: about the last 50 count
-)
+# weight of a new measurement in running means: about the last 50 count
+SMOOTHING = 0.02
 
 
 @dataclass
@@ -53,15 +48,14 @@ class Channel:
     """Sensor of the wall: its levels, which the distance sensors share, and its statistics."""
 
     def __init__(self, sensor: WallSensor, levels: list[Level]) -> None:
-        self.sensor, self.levels = sensor, levels
-        self.counts: Counter[str] = (
-            Counter()
-        )  #: of measurements by 'used', 'other level', …
+        self.sensor = sensor
+        self.levels = levels
+        #: of measurements by 'used', 'other level', …
+        self.counts: Counter[str] = Counter()
         self.period = math.nan  #: mean time between measurements [s]
         self.age = math.nan  #: mean age of measurements on arrival [s]
-        self.square = (
-            1.0  #: mean normalised innovation squared: 1 if the noise is right
-        )
+        #: mean normalised innovation squared: 1 if the noise is right
+        self.square = 1.0
         self._tolerance = max(NEAREST, TOLERANCE * sensor.noise)
         self.reset()
 
@@ -69,12 +63,10 @@ class Channel:
         """Forget all measurements of the sensor."""
         self.first = FirstMeasurements()  # until the axes have started
         self.stamp = -math.inf  #: of the newest measurement [s]
-        self.fitted = (
-            -math.inf
-        )  #: of the newest measurement that belonged to a level [s]
-        self._recent: deque[tuple[float, float]] = (
-            deque()
-        )  # stamp, residual (NaN: accepted)
+        #: of the newest measurement that belonged to a level [s]
+        self.fitted = -math.inf
+        # stamp, residual (NaN: accepted)
+        self._recent: deque[tuple[float, float]] = deque()
 
     def receive(self, now: float, stamp: float, value: float) -> float:
         """Return the time of measurement [s]; raise an InputError for a bad value or stamp."""
@@ -113,10 +105,12 @@ class Channel:
         stamp = measurement.stamp
         level = min(self.levels, key=lambda one: abs(residual - one.offset))
         rest = residual - level.offset
-        fits = abs(rest) <= (COASTING_GATE if is_coasting else GATE) * deviation
+        gate = COASTING_GATE if is_coasting else GATE
+        fits = abs(rest) <= gate * deviation
         self._recent.append((stamp, math.nan if fits else residual))
         while stamp - self._recent[0][0] > SPAN * 1.2:
             self._recent.popleft()
+
         if fits:
             self.counts['used' if level.offset == 0.0 else 'other level'] += 1
             self.fitted = stamp
@@ -125,6 +119,7 @@ class Channel:
             level.offset += rest / level.count
             measurement.level = level.offset
             return ''
+
         self.counts['outlier'] += 1
         measurement.level = OUTLIER
         agreed = self._agreed_residual()
@@ -135,20 +130,24 @@ class Channel:
         if distance <= max(self._tolerance, NEW_LEVEL * deviation):
             measurement.spread = distance
             return f'measurements agree with each other, {1e3 * distance:.1f} mm off the estimate'
-        self.levels.append(Level(agreed, 1))
-        if len(self.levels) > MOST:
-            self.levels.remove(next(one for one in self.levels if one.count < math.inf))
-        measurement.level, self.fitted = agreed, stamp
+        self._add_level(agreed)
+        measurement.level = agreed
+        self.fitted = stamp
         return f'new level at {1e3 * agreed:+.1f} mm'
+
+    def _add_level(self, offset: float) -> None:
+        """Add a level at an offset [m]; the oldest found one makes room for it."""
+        self.levels.append(Level(offset, 1))
+        if len(self.levels) > MOST:
+            found = [one for one in self.levels if one.count < math.inf]
+            self.levels.remove(found[0])
 
     def _agreed_residual(self) -> float | None:
         """Return the residual shared by nearly all recent measurements; None if they differ."""
         stamps, residuals = np.transpose(self._recent)
-        if (
-            len(stamps) < FEWEST
-            or np.ptp(stamps) < 0.8 * SPAN
-            or np.isnan(residuals).mean() > 1.0 - AGREEMENT
-        ):
+        if len(stamps) < FEWEST or np.ptp(stamps) < 0.8 * SPAN:
+            return None
+        if np.isnan(residuals).mean() > 1.0 - AGREEMENT:
             return None
         middle = float(np.nanmedian(residuals))
         is_close = np.abs(residuals - middle) <= self._tolerance

@@ -54,29 +54,23 @@ class DisturbanceEstimator:
 
     def __init__(self, setup: EstimatorSetup) -> None:
         self._gate = ImuGate(setup.imu)
-        self._levels = [
-            Level(offset) for offset in dict.fromkeys((0.0, *setup.wall.levels))
-        ]
-        sensors = model.make_sensors(setup)
+        # each level once, the wall itself first
+        offsets = dict.fromkeys((0.0, *setup.wall.levels))
+        self._levels = [Level(offset) for offset in offsets]
         #: the sensors of the wall by their names
-        self.channels = {
-            sensor.name: Channel(
-                sensor, self._levels if sensor.name in setup.distances else [Level(0.0)]
-            )
-            for sensor in sensors
-        }
-        self._distances = [self.channels[name] for name in setup.distances]
-        self._groups = [self._distances] * bool(
-            self._distances
-        ) + [  # sensors that start together
-            [channel]
-            for name, channel in self.channels.items()
-            if name not in setup.distances
-        ]
+        self.channels: dict[str, Channel] = {}
+        self._distances: list[Channel] = []
+        states: list[model.SensorState] = []
+        for sensor in model.make_sensors(setup):
+            is_distance = sensor.name in setup.distances
+            levels = self._levels if is_distance else [Level(0.0)]
+            channel = Channel(sensor, levels)
+            self.channels[sensor.name] = channel
+            if is_distance:
+                self._distances.append(channel)
+            states += sensor.states
         self._middle = model.pose_sensors('rail', (0.0, 0.0, 0.0), 0.0, setup.imu)
-        self._process = model.Process(
-            setup.imu, [state for sensor in sensors for state in sensor.states]
-        )
+        self._process = model.Process(setup.imu, states)
         #: the newest events: (re)starts of axes, new levels, loss and return of the IMU
         self.events: deque[EstimatorEvent] = deque(maxlen=50)
         #: a wrong connection or unit, after which no estimates are published
@@ -89,7 +83,8 @@ class DisturbanceEstimator:
         if reason:
             self._note('all', f'{reason}: all axes restart')
         self._history = History(self._process, self._correct, self._now - OLDEST)
-        self._gate.stamp = self._imu_arrival = -math.inf
+        self._gate.stamp = -math.inf
+        self._imu_arrival = -math.inf
         self._last_input: tuple[float, ...] = ()
         self._comparison = YawComparison()
         self.started: set[int] = set()  #: axes that are known
@@ -102,11 +97,8 @@ class DisturbanceEstimator:
         elapsed = now - self._now
         if not -LEAD <= elapsed <= LONGEST_GAP:
             self._now = now
-            self._reset(
-                f'the clock advanced by {elapsed:.3f} s'
-                if math.isfinite(elapsed)
-                else ''
-            )
+            is_first = not math.isfinite(elapsed)
+            self._reset('' if is_first else f'the clock advanced by {elapsed:.3f} s')
         self._now = max(now, self._now)
 
     def add_imu(
@@ -154,32 +146,25 @@ class DisturbanceEstimator:
         """
         self._set_time(now)
         channel = self.channels[name]
-        sensor, stamp = channel.sensor, channel.receive(now, stamp, value)
-        if (
-            isinstance(sensor, model.DistanceSensor)
-            and not self.fault
-            and (fault := self._comparison.add_distance(sensor.lever[0], stamp, value))
-        ):
-            self.fault = fault
-            self._note('all', fault)
+        sensor = channel.sensor
+        stamp = channel.receive(now, stamp, value)
+        if isinstance(sensor, model.DistanceSensor) and not self.fault:
+            place = sensor.lever[0]
+            self.fault = self._comparison.add_distance(place, stamp, value)
+            if self.fault:
+                self._note('all', self.fault)
+
         if not self.started.issuperset(sensor.axes):
             channel.first.add(stamp, value)
         elif stamp > self._history.oldest:
-            self._history.add_measurement(
-                Measurement(
-                    name,
-                    stamp,
-                    value,
-                    used_variance(variance, sensor.noise),
-                )
-            )
+            variance = used_variance(variance, sensor.noise)
+            self._history.add_measurement(Measurement(name, stamp, value, variance))
 
     def advance(self, now: float) -> RailMotion | None:
         """Return the newest motion of the rail; None before the first start or after a fault."""
         self._set_time(now)
-        silence = (
-            now - self._imu_arrival
-        )  # by arrival: stamps of a late IMU would always seem old
+        # by arrival: stamps of a late IMU would always seem old
+        silence = now - self._imu_arrival
         if silence > SILENCE:
             if not self.is_coasting:
                 self.is_coasting = True
@@ -187,52 +172,58 @@ class DisturbanceEstimator:
                     'imu', f'silent for {silence:.2f} s: the filter runs without it'
                 )
             self._history.add_input(self._now, None)
-        for group in self._groups:
+
+        for group in self._groups():
             if not self.started.issuperset(group[0].sensor.axes):
                 self._start(group)
         self._give_up_lost_axes()
-        return (
-            None
-            if self.fault or not self.started
-            else self._motion(self._history.update())
-        )
+        if self.fault or not self.started:
+            return None
+        return self._motion(self._history.update())
 
     def delays(self) -> dict[str, tuple[float, float]]:
         """Return the estimated delay of each fix and its standard deviation [s]."""
         mean, covariance = self._history.update().state
-        return {
-            name: (
-                sensor.delay + float(mean[sensor.first + 1]),
-                math.sqrt(covariance[sensor.first + 1, sensor.first + 1]),
-            )
-            for name, channel in self.channels.items()
-            if isinstance(sensor := channel.sensor, model.FeatureSensor)
-        }
+        delays = {}
+        for name, channel in self.channels.items():
+            sensor = channel.sensor
+            if isinstance(sensor, model.FeatureSensor):
+                index = sensor.first + 1
+                deviation = math.sqrt(covariance[index, index])
+                delays[name] = (sensor.delay + float(mean[index]), deviation)
+        return delays
+
+    def _groups(self) -> list[list[Channel]]:
+        """Return the sensors that start together: all distances, and each other sensor."""
+        groups = [self._distances] if self._distances else []
+        for channel in self.channels.values():
+            if channel not in self._distances:
+                groups.append([channel])
+        return groups
 
     def _correct(self, step: Step, measurement: Measurement) -> model.FilterState:
         """Return the state of a step after the update with a measurement."""
-        state, channel = step.state, self.channels[measurement.sensor]
+        state = step.state
+        channel = self.channels[measurement.sensor]
         if measurement.level != OUTLIER:
-            expected, jacobian = channel.sensor.expect(
-                state.mean.tolist(), measurement.stamp - step.stamp
-            )
-            cross = state.covariance.dot(
-                jacobian
-            )  # dot() takes half the time of @ for vectors
+            later = measurement.stamp - step.stamp
+            expected, jacobian = channel.sensor.expect(state.mean.tolist(), later)
+            # dot() takes half the time of @ for vectors
+            cross = state.covariance.dot(jacobian)
             variance = max(float(cross.dot(jacobian)), 0.0) + measurement.variance
             residual = measurement.value - expected
-            if math.isnan(measurement.level) and (
-                event := channel.decide(
-                    measurement, residual, math.sqrt(variance), not step.imu
-                )
-            ):
-                self._note(measurement.sensor, event)
+            if math.isnan(measurement.level):
+                deviation = math.sqrt(variance)
+                event = channel.decide(measurement, residual, deviation, not step.imu)
+                if event:
+                    self._note(measurement.sensor, event)
             if measurement.level != OUTLIER:
-                return model.update(
-                    state, cross, variance, residual - measurement.level
-                )
+                residual -= measurement.level
+                return model.update(state, cross, variance, residual)
+
         if measurement.spread:
-            covariance, axes = state.covariance.copy(), channel.sensor.axes
+            covariance = state.covariance.copy()
+            axes = channel.sensor.axes
             covariance[axes, axes] += measurement.spread**2
             state = model.FilterState(state.mean, covariance)
         return state
@@ -241,37 +232,55 @@ class DisturbanceEstimator:
         """Start the axes of a group of sensors once enough measurements have arrived."""
         ready = [one for one in group if one.first.suffice(self._now)]
         begin = min(one.first.begin for one in group)
-        if not ready or (
-            len(ready) < len(group) and self._now - begin < start.PATIENCE
-        ):
+        is_waiting = len(ready) < len(group) and self._now - begin < start.PATIENCE
+        if not ready or is_waiting:
             return
-        sensor, values = ready[0].sensor, [one.first.densest() for one in ready]
-        state = self._process.forget(self._history.update().state, sensor.axes)
+        sensor = ready[0].sensor
+        is_feature = isinstance(sensor, model.FeatureSensor)
+        if is_feature and self._distances and not sensor.distance:
+            return  # the place of the feature depends on it
+
         names = ', '.join(one.sensor.name for one in ready)
+        state = self._process.forget(self._history.update().state, sensor.axes)
         if isinstance(sensor, model.DistanceSensor):
-            sensor.distance, y, state.mean[YAW] = start.start_at_wall(
-                sensor.distance,
-                np.subtract([one.sensor.lever for one in ready], self._middle[X].lever),
-                values,
-                [level.offset for level in self._levels],
-            )
-            state.mean[Y] += self._middle[Y].shift(state.mean, y)
+            self._place_before_wall(state, ready)
             names += f', {1e3 * sensor.distance:.0f} mm from the wall'
         else:
-            if isinstance(sensor, model.FeatureSensor):
-                if self._distances and not sensor.distance:
-                    return  # the place of the feature depends on it
-                if not sensor.feature:
-                    state.mean[X] += self._middle[X].shift(state.mean, 0.0)
-                    sensor.feature -= sensor.shift(state.mean, values[0])
-            state.mean[sensor.axes[0]] += sensor.shift(state.mean, values[0])
+            self._place_at(state, sensor, ready[0].first.densest())
         self._history.restart(state)
         self._note(_names(sensor.axes), f'started by {names}')
         self.started.update(sensor.axes)
+
         for channel in self.channels.values():
             channel.sensor.distance = channel.sensor.distance or sensor.distance
             if not set(sensor.axes).isdisjoint(channel.sensor.axes):
-                channel.first, channel.fitted = start.FirstMeasurements(), self._now
+                channel.first = start.FirstMeasurements()
+                channel.fitted = self._now
+
+    def _place_before_wall(
+        self, state: model.FilterState, ready: Sequence[Channel]
+    ) -> None:
+        """Set y and yaw of a state, and the distance of the wall, by the distance sensors."""
+        middle = self._middle[X].lever
+        mountings = np.subtract([one.sensor.lever for one in ready], middle)
+        values = [one.first.densest() for one in ready]
+        offsets = [level.offset for level in self._levels]
+        sensor = ready[0].sensor
+        sensor.distance, y, yaw = start.start_at_wall(
+            sensor.distance, mountings, values, offsets
+        )
+        state.mean[YAW] = yaw
+        state.mean[Y] += self._middle[Y].shift(state.mean, y)
+
+    def _place_at(
+        self, state: model.FilterState, sensor: model.WallSensor, value: float
+    ) -> None:
+        """Set the axis of a state that a sensor measures, so that it explains a measurement."""
+        if isinstance(sensor, model.FeatureSensor) and not sensor.feature:
+            # the rail is at 0, and the feature is where the sensor sees it
+            state.mean[X] += self._middle[X].shift(state.mean, 0.0)
+            sensor.feature -= sensor.shift(state.mean, value)
+        state.mean[sensor.axes[0]] += sensor.shift(state.mean, value)
 
     def _give_up_lost_axes(self) -> None:
         """Restart axes without a measurement, or without an accepted one, for too long."""
@@ -288,9 +297,8 @@ class DisturbanceEstimator:
             else:
                 continue
             axes = (Y, YAW) if axis != X and self._distances else (axis,)
-            self._history.restart(
-                self._process.forget(self._history.update().state, axes)
-            )
+            state = self._process.forget(self._history.update().state, axes)
+            self._history.restart(state)
             if axis in self.started:
                 self._note(_names(axes), reason)
                 self.started.difference_update(axes)
@@ -298,33 +306,33 @@ class DisturbanceEstimator:
     def _is_locked_out(self, axis: int) -> bool:
         """Return whether all measurements of an axis have been rejected for `LOST` [s]."""
         channels = [one for one in self.channels.values() if axis in one.sensor.axes]
-        return any(one.stamp - one.fitted > LOST for one in channels) and all(
-            self._now - one.fitted > LOST for one in channels
-        )
+        is_measured = any(one.stamp - one.fitted > LOST for one in channels)
+        return is_measured and all(self._now - one.fitted > LOST for one in channels)
 
     def _motion(self, step: Step) -> RailMotion:
         """Return the motion of the rail's middle [m, rad, s]."""
         mean, covariance = step.state
-        values, by_state = mean.tolist(), np.zeros((6, len(mean)))
-        pose, by_state[:3] = zip(
-            *[sensor.expect(values, 0.0) for sensor in self._middle], strict=True
-        )
+        values = mean.tolist()
+        by_state = np.zeros((6, len(mean)))  # derivatives of pose and twist
+        pose = []
+        for axis, sensor in enumerate(self._middle):
+            value, by_state[axis] = sensor.expect(values, 0.0)
+            pose.append(value)
+
+        # velocity of the middle along the axes of the rail: R(ψ)ᵀ v + ψ̇ × lever
         x, y, _ = self._middle[X].lever
-        cosine, sine = math.cos(pose[YAW]), math.sin(pose[YAW])
-        by_state[3:, model.RATES] = (
-            (cosine, sine, -y),
-            (-sine, cosine, x),
-            (0.0, 0.0, 1.0),
-        )
+        cosine = math.cos(pose[YAW])
+        sine = math.sin(pose[YAW])
+        by_state[3, model.RATES] = (cosine, sine, -y)
+        by_state[4, model.RATES] = (-sine, cosine, x)
+        by_state[5, model.RATES] = (0.0, 0.0, 1.0)
+        twist = (by_state[3:] @ mean).tolist()
+
         both = by_state @ covariance @ by_state.T
         for axis in {X, Y, YAW} - self.started:
             both[axis, axis] += 10.0 * GIVEN_UP[axis]
         return RailMotion(
-            step.stamp,
-            Pose(*pose),
-            both[:3, :3],
-            Twist(*(by_state[3:] @ mean).tolist()),
-            both[3:, 3:],
+            step.stamp, Pose(*pose), both[:3, :3], Twist(*twist), both[3:, 3:]
         )
 
     def _note(self, subject: str, reason: str) -> None:

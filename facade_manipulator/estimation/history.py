@@ -31,9 +31,8 @@ class Measurement:
     stamp: float
     value: float
     variance: float
-    level: float = (
-        math.nan
-    )  #: of the wall [m], infinite for an outlier; NaN is undecided
+    #: of the wall [m], infinite for an outlier; NaN is undecided
+    level: float = math.nan
     spread: float = 0.0  #: standard deviation that the state gains instead of an update
 
 
@@ -65,26 +64,25 @@ class History:
     """
 
     def __init__(self, process: Process, correct: Correct, stamp: float) -> None:
-        self._process, self._correct = process, correct
+        self._process = process
+        self._correct = correct
         self._steps = [Step(stamp, None, process.initial_state())]
         self._valid = 1  # number of steps whose states are up to date
         self._measurements: list[Measurement] = []  # in the order of their stamps
 
     def restart(self, state: FilterState) -> None:
         """Forget all steps, and continue with a state at the newest stamp."""
-        self._steps = [Step(self._steps[-1].stamp, self._steps[-1].imu, state)]
+        newest = self._steps[-1]
+        self._steps = [Step(newest.stamp, newest.imu, state)]
         self._valid = 1
 
     def update(self) -> Step:
         """Propagate through all steps that are not up to date, correct each, return the newest."""
         for before, step in pairwise(self._steps[self._valid - 1 :]):
-            step.state = self._process.propagate(
-                before.state, step.imu, step.stamp - before.stamp
-            )
-            begin, end = (
-                bisect_right(self._measurements, one.stamp, key=_stamp)
-                for one in (before, step)
-            )
+            duration = step.stamp - before.stamp
+            step.state = self._process.propagate(before.state, step.imu, duration)
+            begin = bisect_right(self._measurements, before.stamp, key=_stamp)
+            end = bisect_right(self._measurements, step.stamp, key=_stamp)
             for measurement in self._measurements[begin:end]:
                 step.state = self._correct(step, measurement)
         self._valid = len(self._steps)
@@ -98,41 +96,38 @@ class History:
     def add_input(self, stamp: float, imu: ImuInput) -> None:
         """Append a step; an input of the IMU replaces the steps without IMU at its time."""
         steps = self._steps
-        while (
-            imu
-            and len(steps) > 1
-            and steps[-1].stamp >= stamp
-            and steps[-1].imu is None
-        ):
-            steps.pop()
+        if imu:
+            while len(steps) > 1 and steps[-1].stamp >= stamp and steps[-1].imu is None:
+                steps.pop()
         self._valid = min(self._valid, len(steps))
-        last, is_new = steps[-1], self._valid < len(steps)
+
+        last = steps[-1]
+        is_new = self._valid < len(steps)
         if is_new and imu and last.imu and stamp - steps[-2].stamp <= LONGEST:
-            last.imu = mean_input(
-                last.imu, imu, (stamp - last.stamp) / (stamp - steps[-2].stamp)
-            )
+            share = (stamp - last.stamp) / (stamp - steps[-2].stamp)
+            last.imu = mean_input(last.imu, imu, share)
             last.stamp = stamp
         else:
             steps.append(Step(stamp, imu, last.state))
+
         while self._valid > 1 and steps[1].stamp < stamp - SPAN:
             del steps[0]
             self._valid -= 1
-        del self._measurements[
-            : bisect_right(self._measurements, self.oldest, key=_stamp)
-        ]
+        count = bisect_right(self._measurements, self.oldest, key=_stamp)
+        del self._measurements[:count]
 
     def add_measurement(self, measurement: Measurement) -> None:
         """Add a measurement that is newer than `oldest`; it may be newer than the newest step."""
         insort(self._measurements, measurement, key=_stamp)
-        self._valid = min(
-            self._valid, bisect_left(self._steps, measurement.stamp, key=_stamp)
-        )
+        first = bisect_left(self._steps, measurement.stamp, key=_stamp)
+        self._valid = min(self._valid, first)
 
 
 def mean_input(
     first: Sequence[float], second: Sequence[float], share: float
 ) -> tuple[float, ...]:
     """Return the mean of two inputs, weighted by the second input's share of the time."""
-    return tuple(
-        [(1.0 - share) * a + share * b for a, b in zip(first, second, strict=True)]
-    )
+    mean = []
+    for before, after in zip(first, second, strict=True):
+        mean.append((1.0 - share) * before + share * after)
+    return tuple(mean)

@@ -12,35 +12,34 @@ from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.estimation.settings import ImuSettings
 from facade_manipulator.kinematics import GRAVITY
 
-OLDEST, LEAD = (
-    0.3,
-    0.01,
-)  # s: maximum age of a measurement, and maximum difference of clocks
-# maximum turning rate [rad/s] and acceleration [m/s²]: beyond them an IMU is saturated or broken
-LARGEST_RATE, LARGEST_FORCE = 4.0, 30.0
+OLDEST = 0.3  # s, maximum age of a measurement
+LEAD = 0.01  # s, maximum difference of clocks
+# rad/s and m/s²: beyond them an IMU is saturated or broken
+LARGEST_RATE = 4.0
+LARGEST_FORCE = 30.0
 MOST_IN_G = 1.7  # maximum acceleration at rest [m/s²] that means an IMU with the unit g
 SETTLING = 0.005  # share of a measurement in the mean acceleration
 UPRIGHT = 0.8  # minimum share of the acceleration along the rail's z: 37 degrees
 SHORTEST = 0.1  # m, minimum between two distance sensors to measure yaw
-WINDOW, WINDOWS, FEWEST = 0.5, 24, 10  # s, number, minimum number of the compared turns
+WINDOW = 0.5  # s, of a compared turn
+WINDOWS = 24  # number of the compared turns
+FEWEST = 10  # minimum number of them
 TURNED = 2e-3  # rad, minimum standard deviation of the turns to compare
 CORRELATED = 0.8  # squared correlation of the turns that shows a fault
-SWAPPED = (
-    -0.4
-)  # maximum ratio of distance turns to gyroscope turns that means swapped sides
-DEGREES = 0.6 * math.pi / 180.0, 1.6 * math.pi / 180.0  # ratios that mean degrees
+# maximum ratio of distance turns to gyroscope turns that means swapped sides
+SWAPPED = -0.4
+# minimum and maximum ratio that mean degrees
+DEGREES = (0.6 * math.pi / 180.0, 1.6 * math.pi / 180.0)
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
     """Return the rotation matrix Rz(yaw) Ry(pitch) Rx(roll) for angles [rad]."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos((roll, pitch, yaw)), np.sin((roll, pitch, yaw))
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    cr, cp, cy = np.cos((roll, pitch, yaw))
+    sr, sp, sy = np.sin((roll, pitch, yaw))
+    row_x = (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr)
+    row_y = (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr)
+    row_z = (-sp, cp * sr, cp * cr)
+    return np.array((row_x, row_y, row_z))
 
 
 class ImuGate:
@@ -50,11 +49,8 @@ class ImuGate:
         self._delay = settings.delay
         self._rotation = rotation(*settings.mounting[3:]).tolist()
         self.stamp = -math.inf  #: of the newest measurement [s]
-        self._mean = [
-            0.0,
-            0.0,
-            GRAVITY,
-        ]  # mean acceleration of about the last second [m/s²]
+        # mean acceleration of about the last second [m/s²]
+        self._mean = [0.0, 0.0, GRAVITY]
 
     def check(
         self, now: float, stamp: float, rates: Sequence[float], forces: Sequence[float]
@@ -69,31 +65,49 @@ class ImuGate:
             ``'stale'``, ``'future'`` or ``'out_of_order'``.
 
         """
-        if wrong := [value for value in (*rates, *forces) if not math.isfinite(value)]:
-            raise InputError.not_finite('imu', wrong[0])
+        for value in (*rates, *forces):
+            if not math.isfinite(value):
+                raise InputError.not_finite('imu', value)
         stamp -= self._delay
         require_recent('imu', now - stamp, OLDEST, LEAD)
         if stamp <= self.stamp:
             raise InputError.out_of_order('imu', self.stamp - stamp)
-        turned, forced = (
-            [a * x + b * y + c * z for a, b, c in self._rotation]
-            for x, y, z in (rates, forces)
-        )
-        self._mean = [
-            mean + SETTLING * (force - mean)
-            for mean, force in zip(self._mean, forced, strict=True)
-        ]
-        for what, value, bound, unit in (
-            ('turning rate', max(map(abs, rates)), LARGEST_RATE, 'rad/s'),
-            ('acceleration', math.hypot(*forces), LARGEST_FORCE, 'm/s^2'),
-        ):
-            if value >= bound:
-                raise InputError(
-                    'saturated',
-                    f'imu rejected: {what} = {value:.3g} {unit} is not '
-                    f'below the limit {bound:g} {unit}; next: check range and unit of the imu',
-                )
-        upwards, whole = self._mean[2], math.hypot(*self._mean)
+
+        turned = self._along_rail(rates)
+        forced = self._along_rail(forces)
+        self._update_mean(forced)
+        rate = max(map(abs, rates))
+        self._require_below('turning rate', rate, LARGEST_RATE, 'rad/s')
+        self._require_below('acceleration', math.hypot(*forces), LARGEST_FORCE, 'm/s^2')
+        self._require_upright()
+        self.stamp = stamp
+        return stamp, (*turned, *forced)
+
+    def _along_rail(self, values: Sequence[float]) -> list[float]:
+        """Return a vector along the axes of the rail instead of those of the IMU."""
+        x, y, z = values
+        return [a * x + b * y + c * z for a, b, c in self._rotation]
+
+    def _update_mean(self, forced: Sequence[float]) -> None:
+        """Update the mean acceleration with a measurement along the axes of the rail."""
+        means = []
+        for mean, force in zip(self._mean, forced, strict=True):
+            means.append(mean + SETTLING * (force - mean))
+        self._mean = means
+
+    @staticmethod
+    def _require_below(name: str, value: float, bound: float, unit: str) -> None:
+        if value >= bound:
+            raise InputError(
+                'saturated',
+                f'imu rejected: {name} = {value:.3g} {unit} is not '
+                f'below the limit {bound:g} {unit}; next: check range and unit of the imu',
+            )
+
+    def _require_upright(self) -> None:
+        """Require that the mean acceleration is gravity, along the z of the rail."""
+        upwards = self._mean[2]
+        whole = math.hypot(*self._mean)
         if whole < MOST_IN_G:
             raise InputError(
                 'unit',
@@ -106,8 +120,6 @@ class ImuGate:
                 f"imu rejected: acceleration along the rail's z = {upwards:.3g} m/s^2 "
                 f'of {whole:.3g} m/s^2; next: correct roll and pitch of imu.mounting',
             )
-        self.stamp = stamp
-        return stamp, (*turned, *forced)
 
 
 class YawComparison:
@@ -126,15 +138,19 @@ class YawComparison:
     def add_distance(self, place: float, stamp: float, distance: float) -> str:
         """Add a distance [m] measured at a place along the rail [m]; return the fault, if any."""
         self._newest[place] = distance
-        left, right = min(self._newest), max(self._newest)
-        if right - left < SHORTEST or (
-            self._samples and stamp - self._samples[-1][0] < WINDOW
-        ):
+        left = min(self._newest)
+        right = max(self._newest)
+        if right - left < SHORTEST:
             return ''
+        if self._samples and stamp - self._samples[-1][0] < WINDOW:
+            return ''
+
         yaw = (self._newest[left] - self._newest[right]) / (right - left)
         self._samples.append((stamp, self.turned, yaw))
         if len(self._samples) < FEWEST:
             return ''
+
+        # regression of the turns by the distances on the turns by the gyroscope
         _, *turns = np.diff(self._samples, axis=0).T
         (variance, common), (_, other) = np.cov(turns)
         if variance < TURNED**2 or common**2 < CORRELATED * variance * other:

@@ -47,28 +47,28 @@ from facade_manipulator.kinematics import Pose
     ACCELEROMETER_Y,
 ) = range(15)
 SENSORS = 15  # index of the first state of a sensor of the wall
-RATES, TILTS = [VX, VY, YAW_RATE], slice(TILT_X, GYROSCOPE_X)
-GYROSCOPES, ACCELEROMETERS = (
-    slice(GYROSCOPE_X, ACCELEROMETER_X),
-    slice(ACCELEROMETER_X, SENSORS),
-)
+RATES = [VX, VY, YAW_RATE]
+TILTS = slice(TILT_X, GYROSCOPE_X)
+GYROSCOPES = slice(GYROSCOPE_X, ACCELEROMETER_X)
+ACCELEROMETERS = slice(ACCELEROMETER_X, SENSORS)
 WITH_IMU, COASTING = range(2)
 # Variances of x, y, yaw and velocity when an axis starts:
-POSE_ON_START, VELOCITY_ON_START = (0.015**2, 0.015**2, 0.05**2), 0.15**2
-TILT, TILT_TIME = 3e-3, 1.0  # rad, s: standard deviation from level, correlation time
+POSE_ON_START = (0.015**2, 0.015**2, 0.05**2)
+VELOCITY_ON_START = 0.15**2
+TILT = 3e-3  # rad, standard deviation from level
+TILT_TIME = 1.0  # s, correlation time of the tilts
 # Standard deviations of the biases at start. The filter also finds the biases of a consumer IMU,
 # three times as large. It could not separate a larger accelerometer bias from tilt.
-GYROSCOPE_BIAS, ACCELEROMETER_BIAS = 0.01, 0.1  # rad/s, m/s²
+GYROSCOPE_BIAS = 0.01  # rad/s
+ACCELEROMETER_BIAS = 0.1  # m/s²
 # Random walk of the biases: 10 °/h and 0.1 mg of an industrial IMU in the minutes of a warm-up
-GYROSCOPE_WALK, ACCELEROMETER_WALK = 5e-6, 1e-4  # rad/s/√s, m/s²/√s
-BANDWIDTH = (
-    100.0  # Hz, of the noise in yaw rate and acceleration: about one divided by a step
-)
+GYROSCOPE_WALK = 5e-6  # rad/s/√s
+ACCELEROMETER_WALK = 1e-4  # m/s²/√s
+# Hz, of the noise in yaw rate and acceleration: about one divided by a step
+BANDWIDTH = 100.0
 # Without an IMU, of a gondola in gusts:
-ACCELERATION, ACCELERATION_TIME = (
-    0.12,
-    0.6,
-)  # m/s² and s: standard deviation, correlation time
+ACCELERATION = 0.12  # m/s², standard deviation
+ACCELERATION_TIME = 0.6  # s, correlation time
 YAW_ACCELERATION = 6e-3  # rad/s²/√Hz
 # s, correlation time of the delay of a fix: for a constant delay the variance would fall to 0,
 # although errors of the model look like a delay
@@ -102,11 +102,9 @@ def update(
 
     `cross` is P Hᵀ, the covariance of state and measurement; `variance` is H P Hᵀ + R.
     """
-    mean, covariance = state
-    return FilterState(
-        mean + cross * (residual / variance),
-        covariance - np.multiply.outer(cross, cross / variance),
-    )
+    mean = state.mean + cross * (residual / variance)
+    reduction = np.multiply.outer(cross, cross / variance)
+    return FilterState(mean, state.covariance - reduction)
 
 
 class Process:
@@ -118,25 +116,27 @@ class Process:
     """
 
     def __init__(self, imu: ImuSettings, sensors: Sequence[SensorState]) -> None:
-        self._variances = np.concatenate(
-            [  # at the start
-                POSE_ON_START,
-                2 * [VELOCITY_ON_START],
-                2 * [ACCELERATION**2],
-                [1e-4],
-                2 * [TILT**2],
-                3 * [GYROSCOPE_BIAS**2],
-                2 * [ACCELEROMETER_BIAS**2],
-                [sensor.deviation**2 for sensor in sensors],
-            ]
-        )
-        self._by_distance = np.zeros(len(self._variances))  # rates of the decay [1/m]
+        # variances at the start
+        self._variances = np.zeros(SENSORS + len(sensors))
+        self._variances[[X, Y, YAW]] = POSE_ON_START
+        self._variances[[VX, VY]] = VELOCITY_ON_START
+        self._variances[[AX, AY]] = ACCELERATION**2
+        self._variances[YAW_RATE] = 1e-4
+        self._variances[TILTS] = TILT**2
+        self._variances[GYROSCOPES] = GYROSCOPE_BIAS**2
+        self._variances[ACCELEROMETERS] = ACCELEROMETER_BIAS**2
+        self._variances[SENSORS:] = [sensor.deviation**2 for sensor in sensors]
+
+        # rates of the decay [1/m and 1/s], the latter with an IMU and without
+        self._by_distance = np.zeros(len(self._variances))
         self._by_distance[SENSORS:] = [1.0 / sensor.length for sensor in sensors]
-        # rates of the decay [1/s] and process noise [per second], with an IMU and without
-        self._by_time, self._walk = np.zeros((2, 2, len(self._variances)))
+        self._by_time = np.zeros((2, len(self._variances)))
         self._by_time[:, SENSORS:] = [1.0 / sensor.time for sensor in sensors]
         self._by_time[COASTING, [AX, AY]] = 1.0 / ACCELERATION_TIME
         self._by_time[COASTING, TILTS] = 1.0 / TILT_TIME
+
+        # process noise [per second], with an IMU and without
+        self._walk = np.zeros((2, len(self._variances)))
         self._walk[:, GYROSCOPES] = GYROSCOPE_WALK**2
         self._walk[:, ACCELEROMETERS] = ACCELEROMETER_WALK**2
         self._walk[COASTING, YAW_RATE] = YAW_ACCELERATION**2
@@ -153,11 +153,9 @@ class Process:
         """Return a state without knowledge of the given axes and their velocities."""
         kept = np.ones(len(self._variances))
         kept[[*axes, *(RATES[axis] for axis in axes)]] = 0.0
-        return FilterState(
-            kept * state.mean,
-            np.outer(kept, kept) * state.covariance
-            + np.diag((1.0 - kept) * self._variances),
-        )
+        covariance = np.outer(kept, kept) * state.covariance
+        fresh = np.diag((1.0 - kept) * self._variances)
+        return FilterState(kept * state.mean, covariance + fresh)
 
     def propagate(self, state: FilterState, imu: ImuInput, step: float) -> FilterState:
         """Return the state after a step [s] with the input of the IMU, if any."""
@@ -176,57 +174,90 @@ class Process:
             :SENSORS
         ].tolist()
         mode = WITH_IMU if imu else COASTING
-        decays = np.exp(
-            -step * (math.hypot(vx, vy) * self._by_distance + self._by_time[mode])
-        )
+        speed = math.hypot(vx, vy)
+        decays = np.exp(-step * (speed * self._by_distance + self._by_time[mode]))
         noise = step * self._walk[mode] + self._variances * (1.0 - decays**2)
-        mean, transition = decays * before, np.diag(decays)
+        mean = decays * before
+        transition = np.diag(decays)
+
+        # ψ̇ and a: measured by the IMU, or those of the state
         if imu:
             wx, wy, wz, fx, fy, fz = imu
-            wx, wy, wz = wx - biases[0], wy - biases[1], wz - biases[2]
-            ax, ay = fx - biases[3] + fz * tilt_y, fy - biases[4] - fz * tilt_x
-        middle, turn = yaw + 0.5 * wz * step, wz * step
-        cosine, sine = step * math.cos(middle), step * math.sin(middle)
-        dvx, dvy = cosine * ax - sine * ay, sine * ax + cosine * ay
-        transition[X, VX] = transition[Y, VY] = step
-        transition[VX, YAW], transition[VY, YAW] = -dvy, dvx
+            wx -= biases[0]
+            wy -= biases[1]
+            wz -= biases[2]
+            ax = fx - biases[3] + fz * tilt_y
+            ay = fy - biases[4] - fz * tilt_x
+        turn = wz * step
+
+        # v̇ = R(ψ) a, with ψ in the middle of the step
+        middle = yaw + 0.5 * wz * step
+        cosine = step * math.cos(middle)
+        sine = step * math.sin(middle)
+        dvx = cosine * ax - sine * ay
+        dvy = sine * ax + cosine * ay
+        transition[X, VX] = step
+        transition[Y, VY] = step
+        transition[VX, YAW] = -dvy
+        transition[VY, YAW] = dvx
+
         if imu:
+            _set_imu_derivatives(transition, step, turn, cosine, sine, fz)
             yaw += 0.5 * (tilt_x * wy - tilt_y * wx) * step
-            mean[AX:GYROSCOPE_X] = (
-                ax,
-                ay,
-                wz,
-                tilt_x + wx * step + turn * tilt_y,
-                tilt_y + wy * step - turn * tilt_x,
-            )
-            transition[YAW, GYROSCOPE_Z] = -step
-            transition[VX, TILT_X], transition[VX, TILT_Y] = sine * fz, cosine * fz
-            transition[VY, TILT_X], transition[VY, TILT_Y] = -cosine * fz, sine * fz
-            transition[VX, ACCELEROMETER_X] = transition[VY, ACCELEROMETER_Y] = -cosine
-            transition[VX, ACCELEROMETER_Y], transition[VY, ACCELEROMETER_X] = (
-                sine,
-                -sine,
-            )
-            transition[AX, AX] = transition[AY, AY] = transition[YAW_RATE, YAW_RATE] = (
-                0.0
-            )
-            transition[AX, ACCELEROMETER_X] = transition[AY, ACCELEROMETER_Y] = -1.0
-            transition[AX, TILT_Y], transition[AY, TILT_X] = fz, -fz
-            transition[YAW_RATE, GYROSCOPE_Z] = -1.0
-            transition[TILT_X, TILT_Y], transition[TILT_Y, TILT_X] = turn, -turn
-            transition[TILT_X, GYROSCOPE_X] = transition[TILT_Y, GYROSCOPE_Y] = -step
+            mean[[AX, AY, YAW_RATE]] = (ax, ay, wz)
+            mean[TILT_X] = tilt_x + wx * step + turn * tilt_y
+            mean[TILT_Y] = tilt_y + wy * step - turn * tilt_x
         else:
             transition[YAW, YAW_RATE] = step
-            transition[VX, AX], transition[VX, AY] = cosine, -sine
-            transition[VY, AX], transition[VY, AY] = sine, cosine
-        mean[:AX] = (
-            x + (vx + 0.5 * dvx) * step,
-            y + (vy + 0.5 * dvy) * step,
-            yaw + turn,
-            vx + dvx,
-            vy + dvy,
-        )
+            transition[VX, AX] = cosine
+            transition[VX, AY] = -sine
+            transition[VY, AX] = sine
+            transition[VY, AY] = cosine
+
+        mean[X] = x + (vx + 0.5 * dvx) * step
+        mean[Y] = y + (vy + 0.5 * dvy) * step
+        mean[YAW] = yaw + turn
+        mean[VX] = vx + dvx
+        mean[VY] = vy + dvy
         return mean, transition, noise
+
+
+def _set_imu_derivatives(
+    transition: np.ndarray,
+    step: float,
+    turn: float,
+    cosine: float,
+    sine: float,
+    fz: float,
+) -> None:
+    """Set the derivatives by biases and tilts in a transition matrix of a step with an IMU [s]."""
+    transition[YAW, GYROSCOPE_Z] = -step
+
+    # v + R(ψ) a step: cosine and sine include the step
+    transition[VX, TILT_X] = sine * fz
+    transition[VX, TILT_Y] = cosine * fz
+    transition[VY, TILT_X] = -cosine * fz
+    transition[VY, TILT_Y] = sine * fz
+    transition[VX, ACCELEROMETER_X] = -cosine
+    transition[VX, ACCELEROMETER_Y] = sine
+    transition[VY, ACCELEROMETER_X] = -sine
+    transition[VY, ACCELEROMETER_Y] = -cosine
+
+    # a = f + f_z (θ_y, −θ_x) and ω_z are measured anew
+    transition[AX, AX] = 0.0
+    transition[AY, AY] = 0.0
+    transition[YAW_RATE, YAW_RATE] = 0.0
+    transition[AX, ACCELEROMETER_X] = -1.0
+    transition[AY, ACCELEROMETER_Y] = -1.0
+    transition[AX, TILT_Y] = fz
+    transition[AY, TILT_X] = -fz
+    transition[YAW_RATE, GYROSCOPE_Z] = -1.0
+
+    # θ + (ω_x + ω_z θ_y, ω_y − ω_z θ_x) step
+    transition[TILT_X, TILT_Y] = turn
+    transition[TILT_Y, TILT_X] = -turn
+    transition[TILT_X, GYROSCOPE_X] = -step
+    transition[TILT_Y, GYROSCOPE_Y] = -step
 
 
 @dataclass
@@ -238,9 +269,7 @@ class WallSensor(ABC):
     """
 
     name: str
-    axes: tuple[
-        int, ...
-    ]  #: measured axes; the sensor is not used before they have started
+    axes: tuple[int, ...]  #: measured; the sensor is not used before they have started
     noise: float  #: standard deviation of a measurement [m or rad]
     delay: float  #: delay of the stamps [s]
     lever: Sequence[float]  #: from the IMU to the sensor, along the rail's axes [m]
@@ -259,31 +288,27 @@ class WallSensor(ABC):
         place, delay = (*mean[own], 0.0, 0.0)[:2]
         later -= delay
         yaw += later * yaw_rate
+
+        # pose of the sensor: p + R(ψ) lever, and the lever's z times the tilts
         sx, sy, sz = self.lever
-        cosine, sine = math.cos(yaw), math.sin(yaw)
-        along, across = cosine * sx - sine * sy, sine * sx + cosine * sy
+        cosine = math.cos(yaw)
+        sine = math.sin(yaw)
+        along = cosine * sx - sine * sy
+        across = sine * sx + cosine * sy
         expected, (by_x, by_y, by_yaw) = self.observe(
             x + later * vx + along + tilt_y * sz,
             y + later * vy + across - tilt_x * sz,
             yaw,
         )
         by_yaw += by_y * along - by_x * across  # of the IMU
+
         jacobian = np.zeros(len(mean))
-        jacobian[:GYROSCOPE_X] = (
-            by_x,
-            by_y,
-            by_yaw,
-            later * by_x,
-            later * by_y,
-            0.0,
-            0.0,
-            later * by_yaw,
-            -sz * by_y,
-            sz * by_x,
-        )
-        jacobian[own] = (1.0, -by_x * vx - by_y * vy - by_yaw * yaw_rate)[
-            : len(self.states)
-        ]
+        jacobian[[X, Y, YAW]] = (by_x, by_y, by_yaw)
+        jacobian[RATES] = (later * by_x, later * by_y, later * by_yaw)
+        jacobian[TILT_X] = -sz * by_y
+        jacobian[TILT_Y] = sz * by_x
+        by_delay = -by_x * vx - by_y * vy - by_yaw * yaw_rate
+        jacobian[own] = (1.0, by_delay)[: len(self.states)]
         return expected + place, jacobian
 
     def shift(self, mean: np.ndarray, value: float) -> float:
@@ -310,12 +335,12 @@ class FeatureSensor(WallSensor):
 
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
         """Return R(ψ)ᵀ (F − p) along x [m] and its derivatives."""
-        cosine, sine = math.cos(yaw), math.sin(yaw)
-        along, across = self.feature - x, self.distance - y
-        return (
-            cosine * along + sine * across,
-            (-cosine, -sine, cosine * across - sine * along),
-        )
+        cosine = math.cos(yaw)
+        sine = math.sin(yaw)
+        along = self.feature - x
+        across = self.distance - y
+        by_yaw = cosine * across - sine * along
+        return cosine * along + sine * across, (-cosine, -sine, by_yaw)
 
 
 class PoseSensor(WallSensor):
@@ -324,7 +349,9 @@ class PoseSensor(WallSensor):
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
         """Return the rail's x, y [m] or yaw [rad] and its derivatives."""
         (axis,) = self.axes
-        return (x, y, yaw)[axis], [float(k == axis) for k in (X, Y, YAW)]
+        derivatives = [0.0, 0.0, 0.0]
+        derivatives[axis] = 1.0
+        return (x, y, yaw)[axis], derivatives
 
 
 def lever(imu: ImuSettings, mounting: Sequence[float]) -> list[float]:
@@ -336,48 +363,52 @@ def pose_sensors(
     name: str, noises: Sequence[float], delay: float, imu: ImuSettings
 ) -> list[WallSensor]:
     """Return the sensors of the rail's middle: x, y, yaw; noises [m, m, rad], delay [s]."""
-    return [
-        PoseSensor(
-            f'{name}.{axis}', (index,), noise, delay, lever(imu, (0.0, 0.0, 0.0)), 0.0
-        )
-        for index, (axis, noise) in enumerate(zip(Pose._fields, noises, strict=True))
-    ]
+    place = lever(imu, (0.0, 0.0, 0.0))
+    sensors: list[WallSensor] = []
+    for axis, noise in enumerate(noises):
+        full_name = f'{name}.{Pose._fields[axis]}'
+        sensors.append(PoseSensor(full_name, (axis,), noise, delay, place, 0.0))
+    return sensors
 
 
 def make_sensors(setup: EstimatorSetup) -> list[WallSensor]:
     """Return the sensors of the wall, each with the index of its states."""
     sensors: list[WallSensor] = []
+    first = SENSORS  # index of the next sensor's first state
     for name, one in setup.distances.items():
+        place = SensorState(one.place_noise, PLACE_LENGTH)
         sensors.append(
             DistanceSensor(
-                name,
-                (Y, YAW),
-                one.noise,
-                one.delay,
-                lever(setup.imu, one.mounting),
-                setup.wall.distance,
-                SENSORS + len(sensors),
-                (SensorState(one.place_noise, PLACE_LENGTH),),
+                name=name,
+                axes=(Y, YAW),
+                noise=one.noise,
+                delay=one.delay,
+                lever=lever(setup.imu, one.mounting),
+                distance=setup.wall.distance,
+                first=first,
+                states=(place,),
             )
         )
-    for number, (name, fix) in enumerate(setup.fixes.items()):
-        states = (
-            SensorState(fix.place_noise, PLACE_LENGTH),
-            SensorState(fix.delay_error, time=DELAY_TIME),
-        )
+        first += 1
+
+    for name, fix in setup.fixes.items():
+        place = SensorState(fix.place_noise, PLACE_LENGTH)
+        delay = SensorState(fix.delay_error, time=DELAY_TIME)
         sensors.append(
             FeatureSensor(
-                name,
-                (X,),
-                fix.noise,
-                fix.delay,
-                lever(setup.imu, fix.mounting),
-                setup.wall.distance,
-                SENSORS + len(setup.distances) + 2 * number,
-                states,
-                fix.feature,
+                name=name,
+                axes=(X,),
+                noise=fix.noise,
+                delay=fix.delay,
+                lever=lever(setup.imu, fix.mounting),
+                distance=setup.wall.distance,
+                first=first,
+                states=(place, delay),
+                feature=fix.feature,
             )
         )
+        first += 2
+
     for name, pose in setup.poses.items():
         sensors += pose_sensors(name, pose.noise, pose.delay, setup.imu)
     return sensors

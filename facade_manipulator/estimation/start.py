@@ -15,7 +15,9 @@ FEWEST = 4  # minimum number of measurements of a sensor
 # Share of measurements used: if half are of the wall, the others win 1 time in 6000
 DENSEST = 0.2
 # Standard deviations at rest, which choose among the levels of the wall:
-YAW_AT_REST, Y_AT_REST, LEVEL = 0.01, 0.05, 0.5  # rad, m, m
+YAW_AT_REST = 0.01  # rad
+Y_AT_REST = 0.05  # m
+LEVEL = 0.5  # m
 ROUGHNESS = 3e-3  # m, standard deviation of a wall from a plane
 
 
@@ -35,16 +37,20 @@ class FirstMeasurements:
 
     def suffice(self, now: float) -> bool:
         """Return whether enough measurements, including recent ones, exist at a time [s]."""
-        return len(self._items) >= FEWEST and self._items[-1][0] > max(
-            self.begin + PERIOD, now - PATIENCE
-        )
+        if len(self._items) < FEWEST:
+            return False
+        newest, _ = self._items[-1]
+        return newest > max(self.begin + PERIOD, now - PATIENCE)
 
     def densest(self) -> float:
         """Return the newest value of the densest cluster [m or rad]."""
         values = np.array([value for _, value in self._items])
-        ordered, count = np.sort(values), max(int(DENSEST * len(values)), 2)
-        first = int(np.argmin(ordered[count - 1 :] - ordered[: 1 - count]))
-        is_close = (ordered[first] <= values) & (values <= ordered[first + count - 1])
+        ordered = np.sort(values)
+        count = max(int(DENSEST * len(values)), 2)
+        spans = ordered[count - 1 :] - ordered[: 1 - count]
+        first = int(np.argmin(spans))
+        last = first + count - 1
+        is_close = (ordered[first] <= values) & (values <= ordered[last])
         return float(values[is_close][-1])
 
 
@@ -71,20 +77,19 @@ def start_at_wall(
     along, across = mountings[:, :2].T
     candidates = []
     for chosen in product(levels, repeat=len(measured)):
+        # the wall through the measured points is a line: middle + slope times the place
         ends = np.array(measured) + across - chosen
-        slope, middle = (
-            np.polyfit(along, ends, 1)
-            if np.ptp(along) > ROUGHNESS
-            else (0.0, ends.mean())
-        )
+        slope = 0.0
+        middle = ends.mean()
+        if np.ptp(along) > ROUGHNESS:
+            slope, middle = np.polyfit(along, ends, 1)
         y = distance - middle if distance else 0.0
         rest = ends - middle - slope * along
-        cost = (
-            (slope / YAW_AT_REST) ** 2
-            + (y / Y_AT_REST) ** 2
-            + np.sum((rest / ROUGHNESS) ** 2)
-            + np.sum((np.array(chosen) / LEVEL) ** 2)
-        )
+
+        cost = (slope / YAW_AT_REST) ** 2
+        cost += (y / Y_AT_REST) ** 2
+        cost += np.sum((rest / ROUGHNESS) ** 2)
+        cost += np.sum((np.array(chosen) / LEVEL) ** 2)
         candidates.append((cost, float(distance or middle), float(y), -float(slope)))
     _, distance, y, yaw = min(candidates)
     return distance, y, yaw
