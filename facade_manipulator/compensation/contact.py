@@ -209,7 +209,7 @@ class ForceLaw:
             0.0  #: offset when the force was measured, low-pass [m or rad]
         )
         self._stamp = -math.inf
-        self._offsets: TimedBuffer[float] = TimedBuffer()
+        self._offsets: TimedBuffer[float, float] = TimedBuffer()
 
     def add_measurement(self, stamp: float, force: float) -> None:
         """Record a force [N or N m] measured at a stamp [s]."""
@@ -253,7 +253,7 @@ class WallTracker:
     def __init__(self) -> None:
         self._stamp = -math.inf
         self._distance = self._velocity = self._acceleration = 0.0
-        self._places: TimedBuffer[float] = TimedBuffer()
+        self._places: TimedBuffer[float, float] = TimedBuffer()
 
     def note_place(self, time: float, place: float) -> None:
         """Record the head's distance from the rail at a time [s]: offset minus disturbance [m]."""
@@ -721,7 +721,9 @@ class Contact:
         self._stamps[quantity] = stamp
 
 
-def _interpolate(values: TimedBuffer[float], time: float, default: float) -> float:
+def _interpolate(
+    values: TimedBuffer[float, float], time: float, default: float
+) -> float:
     before, after = values.around(time)
     if before is None or after is None:
         return (before or after or (time, default))[1]

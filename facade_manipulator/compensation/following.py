@@ -25,7 +25,7 @@ class Following:
     """Comparison of the measured pose of the head with the pose published for that instant."""
 
     def __init__(self) -> None:
-        self._path: TimedBuffer[Pose] = TimedBuffer()
+        self._path: TimedBuffer[Pose, MotionState] = TimedBuffer(_motion)
         self._head: tuple[float, Pose] | None = None
         self._followed_at = -math.inf
         #: lag of the head on its path [s], 0 while it is unknown
@@ -51,7 +51,7 @@ class Following:
             raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)
         interval = 0.0 if self._head is None else max(stamp - self._head[0], 0.0)
         self._head = stamp, head
-        planned = _motion(self._path, stamp)
+        planned = self._path.interpolated(stamp)
         if planned is None:
             self._followed_at = stamp
             return
@@ -89,14 +89,19 @@ class Following:
         self.lag = min(max(lag, -GREATEST_LAG), GREATEST_LAG)
 
 
-def _motion(poses: TimedBuffer[Pose], stamp: float) -> MotionState | None:
-    """Return the motion through poses at a stamp [s], None without poses around the stamp."""
-    before, after = poses.around(stamp)
-    if before is None or after is None:
-        return None
-    (begin, first), (end, second) = before, after
-    share, change = (stamp - begin) / (end - begin), difference(second, first)
-    return MotionState(
-        Pose(*(a + share * d for a, d in zip(first, change, strict=True))),
-        Twist(*(d / (end - begin) for d in change)),
+def _motion(
+    before: tuple[float, Pose], after: tuple[float, Pose], stamp: float
+) -> MotionState:
+    """Return the motion on the straight path between two items (time, pose) at a stamp [s]."""
+    begin, first = before
+    end, second = after
+    duration = end - begin
+    share = (stamp - begin) / duration
+    change = difference(second, first)
+    position = Pose(
+        first.x + share * change.x,
+        first.y + share * change.y,
+        first.theta + share * change.theta,
     )
+    velocity = Twist(change.x / duration, change.y / duration, change.theta / duration)
+    return MotionState(position, velocity)

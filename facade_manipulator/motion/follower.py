@@ -122,7 +122,9 @@ class SetpointFollower:
             None  # the last `sample` or `reset`
         )
         self._stop: Iterator[CarriageMotion] = iter(())
-        self._stream: TimedBuffer[Setpoint] = TimedBuffer()
+        self._stream: TimedBuffer[Setpoint, tuple[PerCarriage, PerCarriage]] = (
+            TimedBuffer(interpolate)
+        )
         self._sampled = -math.inf
         self.activity = Activity.HOLDING
 
@@ -291,9 +293,10 @@ class SetpointFollower:
 
     def _target(self, time: float) -> tuple[PerCarriage, PerCarriage] | None:
         """Return position [m] and velocity [m/s] of the stream at a time; None while silent."""
-        before, after = self._stream.around(time)
-        if before is not None and after is not None:
-            return interpolate(before[1], after[1], time)
+        target = self._stream.interpolated(time)
+        if target is not None:
+            return target
+        before, _ = self._stream.around(time)
         if before is None or time - before[0] > self.settings.stale_after:
             return None
         return extrapolate([setpoint for _, setpoint in self._stream.newest(2)], time)

@@ -93,18 +93,36 @@ def extrapolate(
 
 
 def interpolate(
-    a: Setpoint, b: Setpoint, time: float
+    before: tuple[float, Setpoint], after: tuple[float, Setpoint], time: float
 ) -> tuple[PerCarriage, PerCarriage]:
-    """Return position [m] and velocity [m/s] on the cubic Hermite curve from a to b."""
-    h = b.time - a.time
-    u = (time - a.time) / h
+    """
+    Return position [m] and velocity [m/s] on the cubic Hermite curve between two items at a time.
+
+    With u from 0 to 1 and w = 1 − u, over the time h::
+
+        position = w² (1 + 2 u) p + u² (1 + 2 w) q + h (u w² v − u² w z)
+        velocity = 6 u w (q − p)/h + w (1 − 3 u) v + u (3 u − 2) z
+    """
+    begin, first = before
+    end, second = after
+    h = end - begin
+    u = (time - begin) / h
     w = 1.0 - u
-    h00, h01 = w * w * (1.0 + 2.0 * u), u * u * (1.0 + 2.0 * w)
-    h10, h11 = u * w * w * h, -u * u * w * h
-    slope, g10, g11 = 6.0 * u * w / h, w * (1.0 - 3.0 * u), u * (3.0 * u - 2.0)
-    axes = list(zip(a.position, b.position, a.velocity, b.velocity, strict=True))
-    position = [h00 * p + h01 * q + h10 * v + h11 * z for p, q, v, z in axes]
-    velocity = [slope * (q - p) + g10 * v + g11 * z for p, q, v, z in axes]
+    h00 = w * w * (1.0 + 2.0 * u)
+    h01 = u * u * (1.0 + 2.0 * w)
+    h10 = u * w * w * h
+    h11 = -u * u * w * h
+    slope = 6.0 * u * w / h
+    g10 = w * (1.0 - 3.0 * u)
+    g11 = u * (3.0 * u - 2.0)
+
+    position = []
+    velocity = []
+    for p, q, v, z in zip(
+        first.position, second.position, first.velocity, second.velocity, strict=True
+    ):
+        position.append(h00 * p + h01 * q + h10 * v + h11 * z)
+        velocity.append(slope * (q - p) + g10 * v + g11 * z)
     return position, velocity
 
 

@@ -1,21 +1,42 @@
-"""Buffer of the newest values of a signal, searched by time."""
+"""Buffer of the newest values of a signal, searched and interpolated by time."""
 
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Callable
 from operator import itemgetter
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 Value = TypeVar('Value')
+Found = TypeVar('Found')
 KEPT_TIME = 2.0  # s, longer than any message is late or early
 _time = itemgetter(0)
 
 
-class TimedBuffer(Generic[Value]):
-    """Values at ascending times, each kept for `KEPT_TIME`."""
+def linear(
+    before: tuple[float, float], after: tuple[float, float], time: float
+) -> float:
+    """Return the number on the straight line through two items (time, number) at a time [s]."""
+    begin, first = before
+    end, second = after
+    return first + (second - first) * (time - begin) / (end - begin)
 
-    def __init__(self) -> None:
+
+class TimedBuffer(Generic[Value, Found]):
+    """
+    Values at ascending times, each kept for `KEPT_TIME`.
+
+    Parameters
+    ----------
+    between : callable, optional
+        Takes the items (time, value) before and after a time [s], and this time. Returns the
+        result of `interpolated`. By default the values are numbers and interpolated linearly.
+
+    """
+
+    def __init__(self, between: Callable[[Any, Any, float], Any] = linear) -> None:
         self._items: tuple[tuple[float, Value], ...] = ()
+        self._between = between
 
     def clear(self) -> None:
         """Forget all values."""
@@ -38,7 +59,14 @@ class TimedBuffer(Generic[Value]):
         """Return the items (time, value) at or before a time [s] and after it, None if missing."""
         items = self._items
         index = bisect_right(items, time, key=_time)
-        return (
-            items[index - 1] if index else None,
-            items[index] if index < len(items) else None,
-        )
+        before = items[index - 1] if index else None
+        after = items[index] if index < len(items) else None
+        return before, after
+
+    def interpolated(self, time: float) -> Found | None:
+        """Return the signal at a time [s]; None without values on both sides of the time."""
+        before, after = self.around(time)
+        if before is None or after is None:
+            return None
+        found: Found = self._between(before, after, time)
+        return found

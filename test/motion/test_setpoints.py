@@ -47,7 +47,9 @@ def test_interpolation_is_the_cubic_through_two_setpoints(ends, interval, share)
     (p, v, q, w), end = map(np.array, ends), 3.0 + interval
     spline = CubicHermiteSpline([3.0, end], [p, q], [v, w])
     time = 3.0 + share * interval
-    found = setpoints.interpolate(Setpoint(3.0, p, v), Setpoint(end, q, w), time)
+    found = setpoints.interpolate(
+        (3.0, Setpoint(3.0, p, v)), (end, Setpoint(end, q, w)), time
+    )
     np.testing.assert_allclose(found, [spline(time), spline(time, 1)], atol=1e-6)
 
 

@@ -4,6 +4,7 @@ from bisect import bisect_right
 
 from hypothesis import given
 from hypothesis import strategies as st
+import pytest
 
 from facade_manipulator.motion.timed_buffer import KEPT_TIME, TimedBuffer
 
@@ -27,3 +28,18 @@ def test_buffered_values_are_found_by_time(times, time):
     assert buffer.around(time) == (items[index], items[index + 1])
     buffer.clear()
     assert buffer.newest() == () and buffer.around(time) == (None, None)
+
+
+def test_value_between_two_is_interpolated_linearly():
+    buffer = TimedBuffer()
+    buffer.append(1.0, 10.0)
+    buffer.append(2.0, 20.0)
+    assert buffer.interpolated(1.25) == pytest.approx(12.5)
+    assert buffer.interpolated(0.9) is None and buffer.interpolated(2.0) is None
+
+
+def test_value_is_interpolated_by_the_given_function():
+    buffer = TimedBuffer(lambda *arguments: arguments)
+    buffer.append(1.0, 'a')
+    buffer.append(2.0, 'b')
+    assert buffer.interpolated(1.5) == ((1.0, 'a'), (2.0, 'b'), 1.5)
