@@ -126,9 +126,8 @@ class Compensator:
         self.correction = Correction(settings.correction)
         #: shift of the goal by the wall; receives the measurements at the wall
         self.contact = Contact(settings.contact, settings.lateral)
-        self.following = (
-            Following()
-        )  #: tracking of the path; receives measured head poses
+        #: tracking of the path; receives measured head poses
+        self.following = Following()
         self.goal: Pose | None = None  #: final pose of the head on the wall
         self.initialisations = 0  #: number of times the path began at the head
         self.gate = EstimateGate(settings.estimate)
@@ -186,12 +185,11 @@ class Compensator:
 
     def goal_error(self, now: float) -> Pose | None:
         """Return the goal minus the head on the wall [m, m, rad]; None if either is unknown."""
-        newest, correction = self.following.newest(now), self.correction
-        if (
-            newest is None
-            or self.goal is None
-            or (correction.is_silent(now) or not all(correction.known))
-        ):
+        newest = self.following.newest(now)
+        if newest is None or self.goal is None:
+            return None
+        correction = self.correction
+        if correction.is_silent(now) or not all(correction.known):
             return None
         stamp, head = newest
         on_wall = compose(correction.disturbance(stamp), head)
@@ -234,11 +232,13 @@ class Compensator:
         disturbance = self.correction.at(now, reach_time).position
         if self.goal is None:
             return None
+
         if self.newest is None or self.following.is_off_path(now):
             self._initialise(now, reach_time, disturbance, self.goal)
         elif self.goal != self._reference.goal:
             self._reference.retarget(reach_time, self.goal)
         reference = self._reference.at(reach_time).position
+
         interval = 0.0
         if self.newest is not None:
             interval = min(max(time - self.newest.time, 0.0), LONGEST_INTERVAL)
@@ -246,10 +246,10 @@ class Compensator:
         pose, error = self._workspace.saturate(
             relative(disturbance, shifted), math.tan(disturbance.theta)
         )
+
         self.following.publish(time, pose)
-        self.held_back.note(
-            now, error, Pose(*(float(not known) for known in self.correction.known))
-        )
+        uncertain = Pose(*(float(not known) for known in self.correction.known))
+        self.held_back.note(now, error, uncertain)
         self.newest = CorrectedPose(
             time, reach_time, pose, reference, disturbance, error
         )
@@ -264,11 +264,13 @@ class Compensator:
         disturbance: Pose,
     ) -> Pose:
         """Return the reference [m, m, rad] with the shift of the contact."""
-        saturation_error, beyond = ZERO_POSE, 0.0
+        saturation_error = ZERO_POSE
         if self.newest is not None:
             saturation_error = self.newest.saturation_error
+        beyond = 0.0
         if self.goal is not None:
             beyond = reference.y - self.goal.y
+
         silence = ''
         if self.correction.is_silent(now):
             cause = self.correction.silence_cause(now)
@@ -277,19 +279,15 @@ class Compensator:
             silence = self.correction.mode.value
         elif not all(self.correction.known[1:]):
             silence = 'the estimate of y or theta is too uncertain'
-        return self.contact.shift(
-            now,
-            reach_time,
-            interval,
-            reference,
-            Surroundings(
-                saturation_error,
-                disturbance.y,
-                silence,
-                beyond,
-                self.correction.fading.y,
-            ),
+
+        surroundings = Surroundings(
+            saturation_error,
+            disturbance.y,
+            silence,
+            beyond,
+            self.correction.fading.y,
         )
+        return self.contact.shift(now, reach_time, interval, reference, surroundings)
 
     def _initialise(
         self, now: float, reach_time: float, disturbance: Pose, goal: Pose
@@ -297,7 +295,9 @@ class Compensator:
         """Start the path at the head, or at the goal if the head's pose is unknown."""
         self.following.begin(now)
         self.initialisations += 1
-        newest, start = self.following.newest(now), goal
+        start = goal
+        newest = self.following.newest(now)
         if newest is not None:
-            start = subtract(compose(disturbance, newest[1]), self.contact.present)
+            _, head = newest
+            start = subtract(compose(disturbance, head), self.contact.present)
         self._reference.initialise(reach_time, HeadMotion(start), goal)

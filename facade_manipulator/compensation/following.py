@@ -8,10 +8,8 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import difference, MotionState, Pose, Twist
 from facade_manipulator.motion.timed_buffer import KEPT_TIME, TimedBuffer
 
-LARGEST_ERROR, LARGEST_YAW_ERROR = (
-    0.02,
-    0.035,
-)  # m, rad: maximum error of a following head
+LARGEST_ERROR = 0.02  # m, of a head that follows
+LARGEST_YAW_ERROR = 0.035  # rad, of a head that follows
 PATIENCE = 0.5  # s of not following, after which the path begins again at the head
 ARM = 0.35  # m, weight of yaw against displacement
 LEAST_SPEED = 0.02  # m/s for one second; with less motion, noise hides part of the lag
@@ -28,8 +26,9 @@ class Following:
         self._path: TimedBuffer[Pose, MotionState] = TimedBuffer(_motion)
         self._head: tuple[float, Pose] | None = None
         self._followed_at = -math.inf
-        #: lag of the head on its path [s], 0 while it is unknown
-        self.lag = self._delay = self._power = 0.0
+        self.lag = 0.0  #: of the head on its path [s], 0 while it is unknown
+        self._delay = 0.0  # sums of the regression
+        self._power = 0.0
 
     def begin(self, now: float) -> None:
         """Forget the path before a new path begins."""
@@ -78,12 +77,11 @@ class Following:
         interval = min(interval, 1.0)
         fade = math.exp(-interval / LAG_MEMORY)
         turn = ARM * ARM * velocity.theta
-        self._delay = fade * self._delay + interval * (
-            error.x * velocity.x + error.y * velocity.y + error.theta * turn
-        )
-        self._power = fade * self._power + interval * (
-            velocity.x**2 + velocity.y**2 + velocity.theta * turn
-        )
+        delay = error.x * velocity.x + error.y * velocity.y + error.theta * turn
+        power = velocity.x**2 + velocity.y**2 + velocity.theta * turn
+        self._delay = fade * self._delay + interval * delay
+        self._power = fade * self._power + interval * power
+
         # with little motion the lag shrinks, so that it begins without a jump
         lag = self._delay / max(self._power, LEAST_SPEED**2)
         self.lag = min(max(lag, -GREATEST_LAG), GREATEST_LAG)

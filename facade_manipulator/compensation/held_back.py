@@ -24,17 +24,14 @@ class HeldBack:
 
     def message(self, now: float) -> str:
         """Return the held axes and their limits as a message, empty if no axis is held."""
-        self._noted = {
-            held: then
-            for held, then in self._noted.items()
-            if 0.0 <= now - then < SHOWN_FOR
-        }  # a future stamp: the clock was set back
-        axes = {
-            limit: [axis for axis in Pose._fields if (limit, axis) in self._noted]
-            for limit in HOLDS
-        }
-        return '; '.join(
-            f'held back in {", ".join(held)} {limit}'
-            for limit, held in axes.items()
-            if held
-        )
+        for held, then in [*self._noted.items()]:
+            # a future time: the clock was set back
+            if not 0.0 <= now - then < SHOWN_FOR:
+                del self._noted[held]
+
+        texts = []
+        for limit in HOLDS:
+            axes = [axis for axis in Pose._fields if (limit, axis) in self._noted]
+            if axes:
+                texts.append(f'held back in {", ".join(axes)} {limit}')
+        return '; '.join(texts)

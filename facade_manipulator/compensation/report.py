@@ -40,7 +40,8 @@ def correction_component(
     compensator: Compensator, now: float, fault: str, left_out: tuple[float, float]
 ) -> Component:
     """Return the component of the correction; `left_out` is height and tilt [m, rad]."""
-    correction, lag = compensator.correction, compensator.following.lag
+    correction = compensator.correction
+    lag = compensator.following.lag
     horizon = compensator.settings.lead
     newest = compensator.newest
     values: dict[str, Any] = {
@@ -56,39 +57,33 @@ def correction_component(
     if newest is not None:
         values['corrected disturbance'] = millimetres(newest.disturbance)
         values['saturation error'] = millimetres(newest.saturation_error)
-    if deviations := correction.deviations(now + horizon + lag):
-        values['standard deviation of the prediction'] = '; '.join(
-            f'{axis} {scale * deviation:.2g} {unit}'
-            for (axis, scale, unit), deviation in zip(
-                POSE_AXES, deviations, strict=True
-            )
-        )
+    deviations = correction.deviations(now + horizon + lag)
+    if deviations:
+        texts = []
+        for axis, deviation in zip(POSE_AXES, deviations, strict=True):
+            name, scale, unit = axis
+            texts.append(f'{name} {scale * deviation:.2g} {unit}')
+        values['standard deviation of the prediction'] = '; '.join(texts)
     return 'correction', *correction_outcome(compensator, now, fault), values
 
 
 def contact_components(compensator: Compensator) -> list[Component]:
     """Return the component of the contact with the wall, empty while contact is disabled."""
-    contact, pressing = compensator.contact, compensator.contact.pressing
+    contact = compensator.contact
+    pressing = contact.pressing
     if not (contact.lateral.enabled or pressing.settings.enabled):
         return []
     level = 'ok'
     if pressing.is_hindered:
         level = 'error' if pressing.reason else 'warn'
-    return [
-        (
-            'contact',
-            level,
-            pressing.outcome,
-            {
-                **pressing_values(pressing),
-                'zero of the force [N]': pressing.zero,
-                'desired force at present [N]': pressing.desired,
-                'moment on the wall [N m]': pressing.moment,
-                'reason of the last retract': pressing.last_reason or 'never',
-                'shift of the goal': millimetres(contact.present),
-            },
-        )
-    ]
+    values = pressing_values(pressing) | {
+        'zero of the force [N]': pressing.zero,
+        'desired force at present [N]': pressing.desired,
+        'moment on the wall [N m]': pressing.moment,
+        'reason of the last retract': pressing.last_reason or 'never',
+        'shift of the goal': millimetres(contact.present),
+    }
+    return [('contact', level, pressing.outcome, values)]
 
 
 def pressing_values(pressing: Pressing) -> dict[str, Any]:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import math
-from typing import Generic, Protocol, TypeVar
+from time import monotonic
+from typing import Any, Generic, Protocol, TypeVar
 
+from facade_manipulator import topics
 from facade_manipulator.errors import InputError, ManipulatorError, NEXT
+from facade_manipulator.nodes.conversions import ros_time
 from facade_manipulator.nodes.driver_status import (
     DriverStatus,
     SILENCE,
     SILENT,
     STATUS_PERIOD,
 )
+from facade_manipulator.nodes.publisher_watch import PublisherWatch
 
 # s, for the first driver/status after the start, and for the status after a command
 PATIENCE = STATUS_PERIOD
@@ -41,8 +45,8 @@ class CommandGate(Generic[C]):
     may arrive before the driver's status. The command passes if it was received after the
     activation, and is rejected otherwise, once.
 
-    The node calls `offer` for each command, `receive` for each status, and `update` every
-    `PERIOD`. Times are on the monotonic clock [s], because the system clock may be set.
+    The node calls `offer` for each command, `watch_driver` once, and `update` every `PERIOD`.
+    Times are on the monotonic clock [s], because the system clock may be set.
 
     Parameters
     ----------
@@ -172,3 +176,12 @@ class CommandGate(Generic[C]):
     def _reject_held(self, held: C) -> None:
         self.held = None
         self._reject(held, self.refusal(self._repeat))
+
+
+def watch_driver(gate: CommandGate[Any], inputs: PublisherWatch) -> None:
+    """Subscribe to the status of the driver for a gate."""
+
+    def receive(message: Any) -> None:
+        gate.receive(monotonic(), ros_time(), DriverStatus.from_message(message))
+
+    inputs.subscribe(topics.DRIVER_STATUS, receive, lambda *_: gate.receive_invalid())

@@ -32,7 +32,7 @@ from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.planar import millimetres
 from facade_manipulator.nodes import command_gate, conversions, messages
 from facade_manipulator.nodes.base_node import BaseNode
-from facade_manipulator.nodes.command_gate import CommandGate
+from facade_manipulator.nodes.command_gate import CommandGate, watch_driver
 from facade_manipulator.nodes.conversions import (
     pose_stamped,
     ros_time,
@@ -46,7 +46,7 @@ from facade_manipulator.nodes.diagnostics import (
     Diagnostics,
     LOG_PERIOD,
 )
-from facade_manipulator.nodes.driver_status import DriverStatus, SILENT
+from facade_manipulator.nodes.driver_status import SILENT
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
@@ -101,20 +101,11 @@ class CompensatorNode(BaseNode):
         self._message = PoseStamped()  # of each corrected pose
         self._references = self.create_publisher(*topics.REFERENCE)
         self._transform = conversions.FacadeTransform(self)
-        goal_status = self.create_publisher(*topics.GOAL_STATUS)
-        self._goals = GoalTracker(
-            self._compensator,
-            lambda component: goal_status.publish(diagnostic_status(*component)),
-            lambda text: self.get_logger().warning(
-                text, throttle_duration_sec=LOG_PERIOD
-            ),
-        )
-        self._goals.settings = declare(
-            self,
-            ArrivalSettings,
-            'arrival',
-            partial(setattr, self._goals, 'settings'),
-        )
+        self._goal_status = self.create_publisher(*topics.GOAL_STATUS)
+        self._goals = GoalTracker(self._compensator, self._publish_goal, self._warn)
+        change_arrival = partial(setattr, self._goals, 'settings')
+        change_arrival(declare(self, ArrivalSettings, 'arrival', change_arrival))
+
         self.inputs = PublisherWatch(self, self.diagnostics)
         self._gate = CommandGate(
             self._goals.follow,
@@ -122,24 +113,8 @@ class CompensatorNode(BaseNode):
             self._end_goal,
             'send the goal with a new stamp',
         )
-        self.inputs.subscribe(
-            topics.DRIVER_STATUS,
-            self._receive_status,
-            lambda *_: self._gate.receive_invalid(),
-        )
-        facade = self._frames.facade
-        for topic in (topics.DISTURBANCE, topics.DISTURBANCE_ODOMETRY):
-            self.inputs.subscribe(
-                topic, self._add_estimate, self._reject_estimate, facade
-            )
-        for topic, callback in (
-            (topics.CONTACT_WRENCH, self._receive_wrench),
-            (topics.LATERAL_OFFSET, self._receive_lateral_offset),
-        ):
-            self.inputs.subscribe(topic, callback, frame_id=self._frames.end_effector)
-        self.inputs.subscribe(
-            topics.GOAL_POSE, self._receive_goal, self._reject_goal, facade
-        )
+        watch_driver(self._gate, self.inputs)
+        self._subscribe(self._frames)
         self.create_service(*topics.ENABLE, self._enable)
         self.create_service(*topics.TARE, partial(self._answer, self._tare))
         self.create_service(*topics.HOLD, partial(self._answer, self._hold))
@@ -147,6 +122,18 @@ class CompensatorNode(BaseNode):
         steady_timer(self, command_gate.PERIOD, self._report_change)
         if not connects_later:
             self.connect(None)
+
+    def _subscribe(self, frames: messages.Frames) -> None:
+        """Subscribe to goals, estimates and measurements at the wall."""
+        subscribe = self.inputs.subscribe
+        subscribe(
+            topics.GOAL_POSE, self._receive_goal, self._reject_goal, frames.facade
+        )
+        for topic in (topics.DISTURBANCE, topics.DISTURBANCE_ODOMETRY):
+            subscribe(topic, self._add_estimate, self._reject_estimate, frames.facade)
+        head = frames.end_effector
+        subscribe(topics.CONTACT_WRENCH, self._receive_wrench, frame_id=head)
+        subscribe(topics.LATERAL_OFFSET, self._receive_lateral_offset, frame_id=head)
 
     def connect(self, ik_service: IkServiceNode | None) -> None:
         """
@@ -176,6 +163,12 @@ class CompensatorNode(BaseNode):
     def _change(self, part: str, changed: Any) -> None:
         self._compensator.change(part, changed)
 
+    def _publish_goal(self, component: report.Component) -> None:
+        self._goal_status.publish(diagnostic_status(*component))
+
+    def _warn(self, text: str) -> None:
+        self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD)
+
     def _receive_goal(self, message: PoseStamped) -> None:
         time = messages.seconds(message.header.stamp)
         pose = messages.planar_pose(message.pose, 'goal_pose')
@@ -200,9 +193,6 @@ class CompensatorNode(BaseNode):
         """Drop the goal from before a stop or the activation of the drives."""
         self._compensator.drop_goal()
         self._goals.end(str(self._gate.refusal('send a new goal')))
-
-    def _receive_status(self, message: DiagnosticStatus) -> None:
-        self._gate.receive(monotonic(), ros_time(), DriverStatus.from_message(message))
 
     def _add_estimate(self, message: PoseWithCovarianceStamped | Odometry) -> None:
         child = getattr(
@@ -293,10 +283,8 @@ class CompensatorNode(BaseNode):
         correction = report.correction_component(
             self._compensator, monotonic(), self.inputs.fault, self._out_of_plane
         )
-        return [
-            diagnostic_status(*one)
-            for one in (correction, *report.contact_components(self._compensator))
-        ]
+        components = [correction, *report.contact_components(self._compensator)]
+        return [diagnostic_status(*one) for one in components]
 
     def _enable(
         self, request: SetBool.Request, response: SetBool.Response
@@ -304,12 +292,9 @@ class CompensatorNode(BaseNode):
         correction = self._compensator.correction
         correction.enabled = request.data
         direction = 'in' if request.data else 'out'
-        response.success, response.message = (
-            True,
-            (
-                f'the correction fades {direction} within {correction.settings.fade_time:g} s'
-            ),
-        )
+        fade_time = correction.settings.fade_time
+        response.success = True
+        response.message = f'the correction fades {direction} within {fade_time:g} s'
         return response
 
     def _answer(
@@ -317,7 +302,8 @@ class CompensatorNode(BaseNode):
     ) -> Trigger.Response:
         """Answer a request with the message that it returns, or with its error."""
         try:
-            response.message, response.success = act(), True
+            response.message = act()
+            response.success = True
         except ManipulatorError as error:
             response.message = str(error)
         return response

@@ -25,7 +25,7 @@ from facade_manipulator.motion.reference import (
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream, STREAM_GAP
 from facade_manipulator.nodes import command_gate, conversions, messages
 from facade_manipulator.nodes.base_node import BaseNode
-from facade_manipulator.nodes.command_gate import CommandGate
+from facade_manipulator.nodes.command_gate import CommandGate, watch_driver
 from facade_manipulator.nodes.conversions import (
     joint_state,
     pose_stamped,
@@ -35,7 +35,6 @@ from facade_manipulator.nodes.conversions import (
     system_time,
 )
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
-from facade_manipulator.nodes.driver_status import DriverStatus
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
@@ -101,11 +100,7 @@ class IkServiceNode(BaseNode):
         self._gate = CommandGate(
             self._follow, self._reject, self._end_commands, 'send the pose again'
         )
-        self.inputs.subscribe(
-            topics.DRIVER_STATUS,
-            self._receive_status,
-            lambda *_: self._gate.receive_invalid(),
-        )
+        watch_driver(self._gate, self.inputs)
         self.inputs.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         self.create_service(*topics.SOLVE, self._solve)
         steady_timer(self, command_gate.PERIOD, self._report_change)
@@ -143,9 +138,6 @@ class IkServiceNode(BaseNode):
             partial(self._offer, command),
             partial(self._end_approach, None),
         )
-
-    def _receive_status(self, message: DiagnosticStatus) -> None:
-        self._gate.receive(monotonic(), ros_time(), DriverStatus.from_message(message))
 
     def _receive_corrected_pose(self, message: PoseStamped) -> None:
         stamp = messages.seconds(message.header.stamp)
@@ -262,36 +254,32 @@ class IkServiceNode(BaseNode):
         self, request: GetPlan.Request, response: GetPlan.Response
     ) -> GetPlan.Response:
         header = response.plan.header
-        header.frame_id, header.stamp = ACTUATOR_SPACE, self.get_clock().now().to_msg()
+        header.frame_id = ACTUATOR_SPACE
+        header.stamp = self.get_clock().now().to_msg()
         try:
             path = self._path(request)
         except ManipulatorError as error:
-            self.diagnostics.reject(error, 'solve')
-            self._rejected_requests.publish(
-                diagnostic_status(
-                    'solve',
-                    'error',
-                    str(error),
-                    {
-                        'goal stamp': messages.stamp_text(request.goal.header.stamp),
-                        **{
-                            key: getattr(error, key)
-                            for key in REASON
-                            if hasattr(error, key)
-                        },
-                    },
-                )
-            )
+            self._reject_request(request, error)
             return response
-        for q1, q2, q3 in path:
+        for carriages in path:
             pose = PoseStamped(header=header)
-            pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = (
-                q1,
-                q2,
-                q3,
-            )
+            point = pose.pose.position
+            point.x, point.y, point.z = carriages
             response.plan.poses.append(pose)
         return response
+
+    def _reject_request(
+        self, request: GetPlan.Request, error: ManipulatorError
+    ) -> None:
+        """Count a rejected request, and publish its reason, value, bound and unit."""
+        self.diagnostics.reject(error, 'solve')
+        values = {'goal stamp': messages.stamp_text(request.goal.header.stamp)}
+        for key in REASON:
+            if hasattr(error, key):
+                values[key] = getattr(error, key)
+        self._rejected_requests.publish(
+            diagnostic_status('solve', 'error', str(error), values)
+        )
 
     def _path(self, request: GetPlan.Request) -> list[Carriages]:
         goal = messages.pose_in_frame(request.goal, self._frames.rail, 'goal')
