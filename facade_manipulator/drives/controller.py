@@ -324,7 +324,7 @@ class DriveController:
     def without_power(self) -> list[Axis]:
         """Return the used axes that confirm that they have no power, or have just booted."""
         exchange = self.bus.exchange
-        if exchange is None or not exchange.transmits:
+        if exchange is None or not exchange.transmitter.sends_heartbeats:
             return []
         if not exchange.has_started:  # nothing has switched them on since their reset
             return [axis for axis in self.axes if axis.node.boot_ups]

@@ -87,7 +87,8 @@ class DriveBus:
             with suppress(
                 BusError
             ):  # the drives notice the missing heartbeat by themselves
-                if exchange.transmits:  # drives of another master are left unchanged
+                # drives of another master are left unchanged
+                if exchange.transmitter.sends_heartbeats:
                     self.command('PRE-OPERATIONAL', axes)
                 for axis in without_power:  # the answers are not awaited
                     exchange.bus.send(

@@ -1,50 +1,43 @@
 """
 Cyclic exchange on an open bus: receive, supervise, step and command, once per SYNC.
 
-The cycle with its times as shares of the period:
+One cycle, in the order of the methods (`cycle` has its times, and the two senders of SYNC):
 
-    0.0    SYNC: the drives latch the targets of the previous cycle and send their positions
-    ...    the answers arrive; the last one makes the step due
-    0.7    the step is due without further answers
-    0.8    the commands of the step must be sent: targets that come later are withdrawn
-    1.0    the next SYNC
+    wait      SYNC: the kernel's is received, or the loop sends its own (`_send_sync`)
+              answers: each is passed to its axis; the last one, or time, makes the step due
+    (owner)   the owner of the exchange reads its own messages
+    step      supervise: drives, SYNC, targets; a failure stops the group
+              step the states of the group
+              choose the targets, and send the commands; late targets are withdrawn
 
-The kernel sends this SYNC at its own time, or else the loop sends it after the commands
-(`cycle`). The owner of the exchange waits until the step is due, reads its own messages, and then
-does the step. Frames are routed by COB-ID; a frame that is too short or unknown is ignored.
+Frames are routed by COB-ID; a frame that is too short or unknown is ignored. A stop sends its
+commands at once (`stop_for`).
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
 from functools import partial
-import math
 
-from facade_manipulator.canopen import cob_ids, emcy, nmt
-from facade_manipulator.canopen.bus import BusCongestedError, CanBus, Frame
+from facade_manipulator.canopen import cob_ids, emcy
+from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.pdo import Pdo
-from facade_manipulator.canopen.sdo import is_write
 from facade_manipulator.drives.axis import Axis
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.group_state import GroupState
+from facade_manipulator.drives.other_masters import OtherMasters, Receiver
 from facade_manipulator.drives.snapshot import Cause, Remedy
 from facade_manipulator.drives.targets import TargetSupervisor
-from facade_manipulator.errors import BusError
+from facade_manipulator.drives.transmitter import Transmitter
 
 LONGEST_WAIT = 0.02  # s: a stop acts within this time, also while all drives are silent
 # of the heartbeat time-out: after a longer pause of this loop frames may have been dropped
 EXCUSING_PAUSE = 0.5
-LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
 # least length of the data, because a drive may pad its frames to 8 bytes; receiver
-Route = tuple[int, Callable[[Frame], Cause | None]]
-_OPERATIONAL = nmt.heartbeat('OPERATIONAL')
+Route = tuple[int, Receiver]
 _IGNORED: Route = (0, lambda _: None)
-_FOREIGN_SYNC = cob_ids.frames_of_masters(())[cob_ids.SYNC]
-_MASTER_HEARTBEAT = cob_ids.HEARTBEAT + cob_ids.MASTER_NODE_ID
 
 
 class CyclicExchange:
@@ -63,58 +56,99 @@ class CyclicExchange:
         settings: ControllerSettings,
         clock: Clock,
     ) -> None:
-        axes = group.axes
-        self._now = clock.monotonic
-        self._stamp = clock.time
         self.bus = bus
         self.group = group
+        self.clock = CycleClock(settings.period, len(group.axes), bus.has_kernel_sync)
+        self.transmitter = Transmitter(bus, clock, settings.heartbeat_period)
+        self.masters = OtherMasters()
         self.has_started = False  #: whether the cycle has started
-        self.clock = CycleClock(settings.period, len(axes), bus.has_kernel_sync)
-        #: whether heartbeats are sent; a bus that was just opened is only listened to
-        self.transmits = False
-        #: whether a SYNC before the start is accepted, because a drive may send it
-        self.accepts_sync = True
-        self.has_received_sync = False  #: whether SYNC was received before the start
-        self._settings = settings
         self._targets = targets
-        self._next_heartbeat = 0.0
-        self._waits_for_sync = False
+        self._settings = settings
+        self._time = clock
         self._is_due = False  # whether the step of the cycle is due
         self._next_sync: Frame | None = None  # received before the step was done
-        self._has_local_sync = False  # whether our SYNC returns marked as sent here
-        #: `read_until`: time [s] until which all received frames have been read
-        self._pumped = self.read_until = self._now()
-        #: since when the send queue is full [s]; network management commands that wait for room
-        self._full_since = math.inf
-        self._waiting_commands: deque[tuple[str, int]] = deque()
-        self._routes: dict[
-            int, Route
-        ] = {  # this master does not receive its own frames
-            cob_id: (0, partial(self._on_other_master, *frame))
-            for cob_id, frame in cob_ids.frames_of_masters(
-                axis.settings.node_id for axis in axes
-            ).items()
-        }
-        self._routes[cob_ids.SYNC] = 0, self._on_early_sync
-        for axis in axes:
-            node = axis.settings.node_id
-            self._routes |= {
-                cob_ids.EMERGENCY + node: (
-                    emcy.ERROR_CODE_LENGTH,
-                    axis.receive_emergency,
-                ),
-                cob_ids.HEARTBEAT + node: (1, partial(self._on_heartbeat, axis)),
-                cob_ids.SDO_REQUEST + node: (1, partial(self._on_sdo_request, node)),
-                cob_ids.SDO_RESPONSE + node: (0, axis.sdo.receive),
-            }
-            for tpdo in axis.profile.tpdos:
-                self._routes[tpdo.cob_id(node)] = (
-                    tpdo.codec.size,
-                    partial(self._on_tpdo, axis, tpdo),
-                )
+        self._waits_for_sync = False  # whether commands wait for the kernel's SYNC
+        self._pumped = clock.monotonic()  # time of the last look for frames [s]
+        #: time [s] until which all received frames have been read
+        self.read_until = self._pumped
+        self._routes = self._all_routes()
         bus.listen_to(tuple(self._routes))
 
-    # --- receiving
+    def _all_routes(self) -> dict[int, Route]:
+        """Return the receivers of other masters and drives, by COB-ID."""
+        node_ids = [axis.settings.node_id for axis in self.group.axes]
+        routes: dict[int, Route] = {}
+        for cob_id, receive in self.masters.receivers(node_ids).items():
+            routes[cob_id] = (0, receive)
+        for axis in self.group.axes:
+            node = axis.settings.node_id
+            length = emcy.ERROR_CODE_LENGTH
+            routes[cob_ids.EMERGENCY + node] = (length, axis.receive_emergency)
+            routes[cob_ids.HEARTBEAT + node] = (1, partial(self._on_heartbeat, axis))
+            routes[cob_ids.SDO_RESPONSE + node] = (0, axis.sdo.receive)
+            for tpdo in axis.profile.tpdos:
+                receive = partial(self._on_tpdo, axis, tpdo)
+                routes[tpdo.cob_id(node)] = (tpdo.codec.size, receive)
+        return routes
+
+    def start(self, now: float) -> None:
+        """Start SYNC at a time [s], and send the commands of the group in each cycle."""
+        self.has_started = True
+        self._pumped = now
+        self.masters.start()
+        self.clock.start(now)
+        self.group.start(now)
+        for axis in self.group.axes:
+            axis.begin_supervision(now)
+        if self.bus.has_kernel_sync:
+            self._routes[cob_ids.SYNC] = (0, self._on_sync)
+            self.bus.start_sync(self._settings.period)
+
+    # --- wait: SYNC and answers
+
+    def wait(self) -> None:
+        """
+        Handle frames until the step is due, for `LONGEST_WAIT` at most.
+
+        Before the start of the cycle the method returns after each frame, because a request may
+        wait for it.
+        """
+        end = self._time.monotonic() + LONGEST_WAIT
+        self._pump(end)
+        while self.has_started and not self._is_due and self._time.monotonic() < end:
+            self._pump(end)
+
+    def _pump(self, end: float) -> None:
+        """Wait for the next frame or deadline, until a time [s] at most; handle the frame."""
+        deadline = min(end, self.transmitter.next_heartbeat, self.clock.next_event)
+        frame = self.bus.receive(deadline - self._time.monotonic())
+        now = self._time.monotonic()
+        pause = now - self._pumped
+        self._pumped = now
+        self._judge_pause(pause, now)
+        self.transmitter.send_waiting_commands()
+        if frame is None:
+            self.read_until = now
+        else:
+            self.read_until = frame.time
+            self._dispatch(frame)
+        self.transmitter.send_heartbeat(now)
+        if self.has_started:
+            self._advance(frame, now)
+
+    def _judge_pause(self, pause: float, now: float) -> None:
+        """Stop the drives after a long pause of this loop [s], until a time [s]."""
+        limit = self._settings.heartbeat_timeout
+        if pause > EXCUSING_PAUSE * limit:
+            # the drives are not silent, because their frames still wait
+            for axis in self.group.axes:
+                axis.silence.excuse(now)
+        if pause > limit:
+            message = (
+                f'the control loop was paused for {1e3 * pause:.0f} ms, '
+                f'above the limit {1e3 * limit:.0f} ms (controller.heartbeat_timeout)'
+            )
+            self.stop_for(Cause(message, Remedy.COMPUTER))
 
     def _dispatch(self, frame: Frame) -> None:
         least_length, receive = self._routes.get(frame.cob_id, _IGNORED)
@@ -123,81 +157,10 @@ class CyclicExchange:
             if cause is not None:
                 self.stop_for(cause)
 
-    def _on_other_master(
-        self, name: str, commands_drives: bool, _: Frame
-    ) -> Cause | None:
-        """Return the cause of a stop; raise a BusError until this master starts its cycle."""
-        if not self.has_started:
-            raise self._other_master(name)
-        return (
-            None
-            if not commands_drives
-            else Cause(
-                f'another master is on the bus, {name} was received',
-                Remedy.OTHER_MASTER,
-            )
-        )
-
-    def _on_sdo_request(self, node: int, frame: Frame) -> Cause | None:
-        """Return the cause of a stop for a write of another master; reading changes nothing."""
-        writes = is_write(frame.data)
-        name = f'an SDO {"write" if writes else "request"} to node {node}'
-        return self._on_other_master(name, writes, frame)
-
-    def _on_heartbeat(self, axis: Axis, frame: Frame) -> Cause | None:
-        """
-        Receive a heartbeat; return the cause of a stop, if any.
-
-        No quick stop reaches a drive that another master has made pre-operational. The NMT
-        command *stop* does, and a drive with power then stops as configured by 6007h.
-        """
-        cause = axis.receive_heartbeat(frame)
-        if self.has_started and axis.node.is_unreachable:
-            self.command('STOPPED', axis)
-        return cause
-
-    @staticmethod
-    def _other_master(name: str) -> BusError:
-        return BusError(
-            f'another master uses this bus: {name} was received; end that master (a second '
-            'driver, a configuration tool), or open another bus'
-        )
-
-    def _on_early_sync(self, frame: Frame) -> None:
-        """Record a SYNC before the start; raise a BusError unless a drive may have sent it."""
-        self.has_received_sync = True
-        if not self.accepts_sync:
-            self._on_other_master(*_FOREIGN_SYNC, frame)
-
-    def forget_sync(self) -> None:
-        """Forget the SYNC that was received from drives, before configure ended it."""
-        self.has_received_sync = False
-
-    def begin_transmission(self) -> None:
-        """Send heartbeats from now on; a bus that was just opened is only listened to."""
-        self.transmits = True
-
-    def expect_sync(self, is_expected: bool) -> None:
-        """
-        Expect SYNC of a drive until the start, or no SYNC.
-
-        Raises a BusError if SYNC was received that no drive has sent.
-        """
-        self.accepts_sync = is_expected
-        if self.has_received_sync and not is_expected:
-            raise self._other_master(_FOREIGN_SYNC[0])
-
     def _on_sync(self, frame: Frame) -> Cause | None:
-        """
-        Begin a cycle with the SYNC of the kernel; return the cause of a stop for a foreign one.
-
-        Our SYNC has no data. Where SocketCAN marks it as sent on this computer, a SYNC without
-        this mark is foreign. Elsewhere the clock counts the SYNCs that are too many.
-        """
-        self._has_local_sync = self._has_local_sync or frame.is_local
-        is_unmarked = self._has_local_sync and not frame.is_local
-        if frame.data or is_unmarked:
-            return self._on_other_master(*_FOREIGN_SYNC, frame)
+        """Begin a cycle with the SYNC of the kernel; return the cause of a stop by another."""
+        if self.masters.is_foreign_sync(frame):
+            return self.masters.receive_foreign_sync(frame)
         if self.clock.is_unexpected(frame.time):
             return None
         if self.clock.is_open:  # a late loop: the step comes before the next cycle
@@ -214,123 +177,71 @@ class CyclicExchange:
             self.clock.answer(self._pumped)
         return cause
 
-    def stop_for(self, cause: Cause) -> None:
-        """Stop the drives, with a command at once instead of at the end of the cycle."""
-        before = self.group.state
-        if self.has_started:
-            self.group.stop(cause, self._now())
-            if before is not GroupState.STOPPED:
-                self._send_commands()
-
-    # --- the cycle
-
-    def start(self, now: float) -> None:
-        """Start SYNC at a time [s], and send the commands of the group in each cycle."""
-        self.has_started = True
-        self._pumped = now
-        self.clock.start(now)
-        self.group.start(now)
-        for axis in self.group.axes:
-            axis.begin_supervision(now)
-        self._routes[cob_ids.SYNC] = (
-            0,
-            partial(self._on_other_master, *_FOREIGN_SYNC),
-        )
-        if self.bus.has_kernel_sync:
-            self._routes[cob_ids.SYNC] = 0, self._on_sync
-            self.bus.start_sync(self._settings.period)
-
-    def wait(self) -> None:
+    def _on_heartbeat(self, axis: Axis, frame: Frame) -> Cause | None:
         """
-        Handle frames until the step is due, for `LONGEST_WAIT` at most.
+        Receive a heartbeat; return the cause of a stop, if any.
 
-        Before the start of the cycle the method returns after each frame, because a request may
-        wait for it.
+        No quick stop reaches a drive that another master has made pre-operational. The NMT
+        command *stop* does, and a drive with power then stops as configured by 6007h.
         """
-        end = self._now() + LONGEST_WAIT
-        self._pump(end)
-        while self.has_started and not self._is_due and self._now() < end:
-            self._pump(end)
-
-    def step(self) -> bool:
-        """Do the step of the cycle if it is due; return whether it was."""
-        if not self._is_due:
-            return False
-        self._is_due = False
-        self._step(self._now())
-        if self._next_sync is not None:
-            self.clock.receive(self._next_sync.time, self._next_sync.stamp)
-            self._next_sync = None
-        return True
-
-    def _pump(self, end: float) -> None:
-        """Wait for the next frame or deadline, until a time [s] at most; handle the frame."""
-        heartbeat = self._next_heartbeat if self.transmits else math.inf
-        deadline = min(end, heartbeat, self.clock.next_event)
-        frame = self.bus.receive(deadline - self._now())
-        now = self._now()
-        pause = now - self._pumped
-        self._pumped = now
-        if pause > EXCUSING_PAUSE * self._settings.heartbeat_timeout:
-            for axis in self.group.axes:
-                axis.silence.excuse(now)
-        if pause > self._settings.heartbeat_timeout:
-            # the drives are not silent, because their frames still wait
-            self.stop_for(
-                Cause(
-                    f'the control loop was paused for {1e3 * pause:.0f} ms, '
-                    f'above the limit {1e3 * self._settings.heartbeat_timeout:.0f} ms '
-                    '(controller.heartbeat_timeout)',
-                    Remedy.COMPUTER,
-                )
-            )
-        self._send_waiting_commands()
-        self.read_until = now if frame is None else frame.time
-        if frame is not None:
-            self._dispatch(frame)
-        if now >= heartbeat:
-            self._next_heartbeat = now + self._settings.heartbeat_period
-            self._send(_MASTER_HEARTBEAT, _OPERATIONAL)
-        if self.has_started:
-            self._advance(frame, now)
+        cause = axis.receive_heartbeat(frame)
+        if self.has_started and axis.node.is_unreachable:
+            self.command('STOPPED', axis)
+        return cause
 
     def _advance(self, frame: Frame | None, now: float) -> None:
         """Note the due step or send the due SYNC, unless more frames must be read first."""
         clock = self.clock
         if self._waits_for_sync:
             self._send_commands()
-        if now < clock.next_event or (
-            frame is not None and clock.may_wait(now, frame.time)
-        ):
+        if now < clock.next_event:
+            return
+        if frame is not None and clock.may_wait(now, frame.time):
             return
         if clock.is_open:
             self._is_due = True
         else:
-            clock.begin(self._now(), self._stamp())
-            self._send(cob_ids.SYNC)
+            self._send_sync()
+
+    def _send_sync(self) -> None:
+        self.clock.begin(self._time.monotonic(), self._time.time())
+        self.transmitter.send(cob_ids.SYNC)
+
+    # --- step: supervision, states, targets and commands
+
+    def step(self) -> bool:
+        """Do the step of the cycle if it is due; return whether it was."""
+        if not self._is_due:
+            return False
+        self._is_due = False
+        self._step(self._time.monotonic())
+        if self._next_sync is not None:
+            self.clock.receive(self._next_sync.time, self._next_sync.stamp)
+            self._next_sync = None
+        return True
 
     def _step(self, now: float) -> None:
-        in_time = self.clock.finish(now)
+        is_in_time = self.clock.finish(now)
+        self._supervise(now)
+
+        taken_out = set(self.group.not_responding)
+        self.group.step(now)
+
+        if is_in_time or not self.group.follows:
+            self._command_targets(now)
+        for axis in self.group.axes:
+            if axis.name in self.group.not_responding - taken_out:
+                self.command('STOPPED', axis)  # it moves despite a quick stop
+
+    def _supervise(self, now: float) -> None:
+        """Supervise the drives, their targets and the cycle; stop the group for a failure."""
         group = self.group
-        targets = self._targets
-        may_rest = not group.is_ramping or targets.mechanism.source.at_rest
+        may_rest = not group.is_ramping or self._targets.mechanism.source.at_rest
         for axis in group.axes:
             axis.end_cycle(self.clock.sync_time, may_rest)
-        targets.supervise(now)
+        self._targets.supervise(now)
         for cause in self._failures():
             group.stop(cause, now)
-        taken_out = set(group.not_responding)
-        group.step(now)
-        if in_time or not group.follows:
-            targets.command(self.clock, now)
-            has_ended_in_time = self.clock.finish_commands(self._now())
-            if has_ended_in_time or not group.follows:
-                self._send_commands()
-            else:
-                targets.withdraw()
-        for axis in group.axes:
-            if axis.name in group.not_responding - taken_out:  # despite a quick stop
-                self.command('STOPPED', axis)
 
     def _failures(self) -> list[Cause]:
         """Return the causes of a stop by silent drives, and by the cycle unless stopped."""
@@ -369,7 +280,14 @@ class CyclicExchange:
             axis.lose()
         return causes
 
-    # --- sending
+    def _command_targets(self, now: float) -> None:
+        """Choose the targets and send the commands; withdraw targets that are too late."""
+        self._targets.command(self.clock, now)
+        is_in_time = self.clock.finish_commands(self._time.monotonic())
+        if is_in_time or not self.group.follows:
+            self._send_commands()
+        else:
+            self._targets.withdraw()
 
     def _send_commands(self) -> None:
         """
@@ -379,40 +297,26 @@ class CyclicExchange:
         command a period before the others. Only commands of drives that follow no targets wait:
         late targets are withdrawn.
         """
-        self._waits_for_sync = not self.clock.has_time(self._now())
+        self._waits_for_sync = not self.clock.has_time(self._time.monotonic())
         if self._waits_for_sync:
             return
         frames: list[tuple[int, bytes]] = []
         for axis in self.group.axes:
             frames += axis.frames()
         for cob_id, data in frames:  # all are encoded before any is sent
-            self._send(cob_id, data)
+            self.transmitter.send(cob_id, data)
 
-    def _send(self, cob_id: int, data: bytes = b'') -> None:
-        """Send a frame; a queue that is full now may have room in the next cycle."""
-        self._try_to_send(partial(self.bus.send, cob_id, data))
+    # --- at any time
+
+    def stop_for(self, cause: Cause) -> None:
+        """Stop the drives, with a command at once instead of at the end of the cycle."""
+        before = self.group.state
+        if self.has_started:
+            self.group.stop(cause, self._time.monotonic())
+            if before is not GroupState.STOPPED:
+                self._send_commands()
 
     def command(self, name: str, axis: Axis) -> None:
         """Send a network management command to a drive, as soon as the send queue has room."""
         axis.expect(name)
-        self._waiting_commands.append((name, axis.settings.node_id))
-        self._send_waiting_commands()
-
-    def _send_waiting_commands(self) -> None:
-        while self._waiting_commands:
-            send = partial(self.bus.command, *self._waiting_commands[0])
-            if not self._try_to_send(send):
-                return
-            self._waiting_commands.popleft()
-
-    def _try_to_send(self, send: Callable[[], None]) -> bool:
-        """Return whether a frame was sent; raise if the queue is full for `LONGEST_UNSENT`."""
-        try:
-            send()
-        except BusCongestedError:
-            self._full_since = min(self._full_since, self._pumped)
-            if self._pumped - self._full_since >= LONGEST_UNSENT:
-                raise
-            return False
-        self._full_since = math.inf
-        return True
+        self.transmitter.command(name, axis.settings.node_id)

@@ -43,7 +43,7 @@ def configure(controller: DriveController) -> Steps[str]:
     bus = controller.bus
     exchange = bus.open(controller.group, controller.targets)
     yield from require_unused(controller, exchange)
-    exchange.begin_transmission()
+    exchange.transmitter.begin_heartbeats()
     notes = yield from prepare(controller, exchange)
     bus.take_notes(filter(None, (exchange.bus.sync_note, *notes)))
     yield from require_end_of_sync(controller, exchange)

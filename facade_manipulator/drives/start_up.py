@@ -34,7 +34,7 @@ def require_unused(
     heartbeat_period = controller.settings.heartbeat_period
     yield from _listen(exchange, LISTEN_PERIODS * heartbeat_period)
     uses = yield from each(controller, SdoAccess.use, ASKING_TIMEOUT)
-    exchange.expect_sync(any(axis.sdo.sync.is_found for axis in axes))
+    exchange.masters.expect_sync(any(axis.sdo.sync.is_found for axis in axes))
     used = ', '.join(filter(None, uses))
     if used:
         hint = ''
@@ -62,8 +62,8 @@ def require_end_of_sync(
     controller: DriveController, exchange: CyclicExchange
 ) -> Steps[None]:
     """Listen until no drive sends SYNC; a SYNC of another master raises a BusError."""
-    exchange.forget_sync()
-    exchange.expect_sync(False)
+    exchange.masters.forget_sync()
+    exchange.masters.expect_sync(False)
     producers = [axis.sdo.sync for axis in controller.axes if axis.sdo.sync.is_found]
     if not producers:
         return
