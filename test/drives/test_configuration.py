@@ -11,7 +11,7 @@ import pytest
 from steps import answer, result_of
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.canopen.sdo import SdoAbortError
+from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.drives.axis_settings import (
     AxisSettings,
     check_axes,
@@ -273,7 +273,7 @@ GENUINE = {
 }
 
 
-class Objects:
+class Objects(SdoChannel):
     """Identity objects of a drive, in the order of `GENUINE`."""
 
     name, node_id = 'q2', 2
@@ -288,7 +288,7 @@ class Objects:
             )
         )
 
-    def read_number(self, index, subindex=0):
+    def read_number(self, index, subindex=0, signed=False):
         if (number := self._numbers[index, subindex]) is None:
             raise SdoAbortError('object does not exist', 0x06020000)
         return answer(number)
