@@ -19,8 +19,8 @@ import struct
 from typing import NamedTuple
 
 from facade_manipulator.canopen import cob_ids, indices
+from facade_manipulator.canopen.sdo import Write
 
-ALL_BITS = 0xFFFFFFFF
 # Hz, maximum rate of cycles at which the bus has room for every PDO
 HIGHEST_FULL_RATE = 200
 #: from the index of the communication parameters of a PDO to that of its mapping
@@ -29,22 +29,6 @@ PDO_NAMES = (
     *(f'RPDO{number}' for number in cob_ids.PDO_NUMBERS),
     *(f'TPDO{number}' for number in cob_ids.PDO_NUMBERS),
 )
-
-
-class Write(NamedTuple):
-    """Write of one object, with a mask of the bits that must be read back."""
-
-    index: int  # type: ignore[assignment]  # hides tuple.index
-    subindex: int
-    value: int
-    #: bytes; None for the size in the drive's object dictionary
-    size: int | None = None
-    required: bool = True  #: whether a drive without the object is rejected
-    #: mask of the bits that must be read back as written; 0 for an intermediate value
-    compared: int = ALL_BITS
-
-    def __str__(self) -> str:
-        return f'{self.index:04X}h:{self.subindex:02X}'
 
 
 class MappedObject(NamedTuple):

@@ -20,7 +20,7 @@ from functools import partial
 import math
 from pathlib import Path
 import struct
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from canopen import ObjectDictionary, SdoAbortedError
 
@@ -32,6 +32,7 @@ from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
 from facade_manipulator.timeouts import ATTEMPTS, RESPONSE_TIMEOUT
 
 SDO_FRAME_LENGTH = 8
+ALL_BITS = 0xFFFFFFFF
 NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
 
 Result = TypeVar('Result')
@@ -53,6 +54,22 @@ _SEGMENT_LENGTH = 7  # bytes of data in a segment
 _TOGGLE_ERROR = 0x05030000
 _TIMED_OUT = 0x05040000
 _UNKNOWN_COMMAND = 0x05040001
+
+
+class Write(NamedTuple):
+    """Write of one object, with a mask of the bits that must be read back."""
+
+    index: int  # type: ignore[assignment]  # hides tuple.index
+    subindex: int
+    value: int
+    #: bytes; None for the size in the drive's object dictionary
+    size: int | None = None
+    required: bool = True  #: whether a drive without the object is rejected
+    #: mask of the bits that must be read back as written; 0 for an intermediate value
+    compared: int = ALL_BITS
+
+    def __str__(self) -> str:
+        return f'{self.index:04X}h:{self.subindex:02X}'
 
 
 def expedited_download(index: int, subindex: int, data: bytes) -> bytes:
@@ -218,6 +235,17 @@ class SdoChannel:
         """Return a number read from an object; raises the errors of `read`."""
         data = yield from self.read(index, subindex)
         return int.from_bytes(data, 'little', signed=signed)
+
+    def read_optional(
+        self, index: int, subindex: int = 0, signed: bool = False
+    ) -> Steps[int | None]:
+        """Return a number read from an object, None if the drive lacks the object."""
+        try:
+            return (yield from self.read_number(index, subindex, signed))
+        except SdoAbortError as error:
+            if not error.is_absent:
+                raise
+        return None
 
     def write(self, index: int, subindex: int, data: bytes) -> Steps[None]:
         """Write an object until its confirmation; raises the errors of `read`."""

@@ -20,8 +20,13 @@ from typing import NamedTuple
 
 from facade_manipulator.canopen import cob_ids, indices, nmt, pdo, sync
 from facade_manipulator.canopen.nmt import SupervisedHeartbeat
-from facade_manipulator.canopen.pdo import Write
-from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel, Steps
+from facade_manipulator.canopen.sdo import (
+    ALL_BITS,
+    SdoAbortError,
+    SdoChannel,
+    Steps,
+    Write,
+)
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import DriveProfile, quantities
@@ -68,7 +73,7 @@ def drive_writes(
                 item.subindex,
                 values[item.value] if isinstance(item.value, str) else item.value,
                 required=item.required,
-                compared=_USED_BITS.get(item.index, pdo.ALL_BITS),
+                compared=_USED_BITS.get(item.index, ALL_BITS),
             )
             for item in profile.objects
         ),
@@ -181,22 +186,10 @@ def _difference(drive: SdoChannel, write: Write) -> Steps[str]:
     )
 
 
-def read_optional(
-    drive: SdoChannel, index: int, subindex: int, **sign: bool
-) -> Steps[int | None]:
-    """Return the number in an object, None if the drive lacks the object."""
-    try:
-        return (yield from drive.read_number(index, subindex, **sign))
-    except SdoAbortError as error:
-        if not error.is_absent:
-            raise
-    return None
-
-
 def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> Steps[bool]:
     """Return whether a drive with its present objects stops when this master is silent."""
-    watched = (yield from read_optional(drive, *profile.heartbeat_consumer)) or 0
-    reaction = yield from read_optional(drive, profile.lost_master_reaction, 0)
+    watched = (yield from drive.read_optional(*profile.heartbeat_consumer)) or 0
+    reaction = yield from drive.read_optional(profile.lost_master_reaction, 0)
     node, timeout = SupervisedHeartbeat.decode(watched)
     return bool(node == cob_ids.MASTER_NODE_ID and timeout and reaction)
 
@@ -293,7 +286,7 @@ def check_identity(
         (2, 'product_code'),
         (4, 'serial_number'),
     ):
-        numbers[name] = yield from read_optional(drive, indices.IDENTITY, subindex)
+        numbers[name] = yield from drive.read_optional(indices.IDENTITY, subindex)
     for name, actual in numbers.items():
         configured = getattr(axis, name)
         if not configured or actual == configured:

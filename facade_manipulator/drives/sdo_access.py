@@ -12,18 +12,18 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import Any
 
-from facade_manipulator.canopen import cob_ids, indices, nmt, sync
+from facade_manipulator.canopen import cob_ids, indices, nmt
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.nmt import SupervisedHeartbeat
 from facade_manipulator.canopen.sdo import SdoChannel, Steps
+from facade_manipulator.canopen.sync import SyncProducer
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.configuration import (
     apply,
     check,
     check_identity,
     drive_writes,
-    read_optional,
     stops_without_master,
     unit_conflicts,
 )
@@ -70,44 +70,6 @@ class DriveSteps:
     def close(self) -> None:
         """End the steps where they wait."""
         self._steps.close()
-
-
-class SyncProducer:
-    """SYNC that one drive sends itself, which only this master should send."""
-
-    def __init__(self, title: str) -> None:
-        self.is_found = False  #: whether the drive was found to send SYNC
-        self.period = 0.0  #: period of this SYNC [s]
-        self._title = title
-
-    def find(self, objects: SdoChannel) -> Steps[int]:
-        """Return the COB-ID of SYNC (1005h), and record whether the drive sends SYNC."""
-        cob_id = (yield from read_optional(objects, indices.COB_ID_SYNC, 0)) or 0
-        if cob_id & sync.PRODUCER:
-            self.is_found = True
-            period = yield from read_optional(objects, indices.SYNC_PERIOD, 0)
-            self.period = 1e-6 * (period or 0)
-        return cob_id
-
-    def end(self, objects: SdoChannel) -> Steps[list[str]]:
-        """End the SYNC that the drive sends; return notes for the operator."""
-        cob_id = yield from self.find(objects)
-        if not cob_id & sync.PRODUCER:
-            return []
-
-        silenced = cob_id & ~sync.PRODUCER
-        found = f'{self._title} sends SYNC itself (1005h = {cob_id:X}h)'
-        remedy = f'store 1005h = {silenced:X}h in the drive'
-        data = silenced.to_bytes(4, 'little')
-        try:
-            yield from objects.write(indices.COB_ID_SYNC, 0, data)
-        except DriveObjectError as error:
-            raise DriveObjectError(f'{found}: {error}; next: {remedy}') from error
-
-        present = yield from read_optional(objects, indices.COB_ID_SYNC, 0)
-        if (present or 0) & sync.PRODUCER:
-            raise DriveObjectError(f'{found} and keeps this setting; next: {remedy}')
-        return [f'{found} until configure ends it, after each reset; next: {remedy}']
 
 
 class SdoAccess:
@@ -206,11 +168,8 @@ class SdoAccess:
             )
         return notes
 
-    def _read_optional(self, index: int, subindex: int) -> Steps[int | None]:
-        return read_optional(self.objects, index, subindex)
-
     def _unit_conflicts(self) -> Steps[list[str]]:
-        conflicts = yield from unit_conflicts(self._read_optional, self._axis)
+        conflicts = yield from unit_conflicts(self.objects.read_optional, self._axis)
         return [f'{self._title}: {problem}' for problem in conflicts]
 
     def prove(self) -> Steps[None]:
@@ -233,17 +192,19 @@ class SdoAccess:
         if state is None:
             return ''  # the drive is absent, or its reset shows the problem
         yield from self.sync.find(self.objects)
-        guard_time = yield from self._read_optional(indices.GUARD_TIME, 0)
+        guard_time = yield from self.objects.read_optional(indices.GUARD_TIME, 0)
         self.guard_time = 1e-3 * (guard_time or 0)
 
-        speed = yield from read_optional(
-            self.objects, indices.ACTUAL_VELOCITY, 0, signed=True
+        speed = yield from self.objects.read_optional(
+            indices.ACTUAL_VELOCITY, 0, signed=True
         )
         velocity = self._axis.si_per_unit.velocity * (speed or 0)
         if abs(velocity) > REST_SPEED:
             return f'{self._title} moves at {velocity:.3g} m/s'
 
-        watched = yield from self._read_optional(*self._profile.heartbeat_consumer)
+        watched = yield from self.objects.read_optional(
+            *self._profile.heartbeat_consumer
+        )
         node, timeout = SupervisedHeartbeat.decode(watched or 0)
         misses_us = (
             node == cob_ids.MASTER_NODE_ID and 0 < timeout <= self._heartbeat_timeout_ms
@@ -259,7 +220,7 @@ class SdoAccess:
 
     def _starts_itself(self) -> Steps[bool]:
         """Return whether the drive becomes operational without a command after its boot-up."""
-        startup = yield from self._read_optional(indices.NMT_STARTUP, 0)
+        startup = yield from self.objects.read_optional(indices.NMT_STARTUP, 0)
         is_stored = startup is not None and not startup & nmt.WAITS_FOR_START
         return self._profile.quirks.starts_itself or is_stored
 

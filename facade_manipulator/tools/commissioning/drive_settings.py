@@ -12,7 +12,6 @@ CiA 402-2: supported drive modes 6502h.
 from __future__ import annotations
 
 from contextlib import suppress
-from functools import partial
 from typing import Any
 
 from canopen import export_od, ObjectDictionaryError
@@ -20,8 +19,7 @@ from canopen.objectdictionary import datatypes, ODVariable
 
 from facade_manipulator.canopen import indices
 from facade_manipulator.canopen.eds import read_dictionary, variables
-from facade_manipulator.canopen.pdo import Write
-from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel, Steps
+from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel, Steps, Write
 from facade_manipulator.drives import configuration
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.profile import load_profile
@@ -92,7 +90,7 @@ def differences(
 ) -> Steps[list[str]]:
     """Return every difference of a drive from its profile; raises a DriveTimeoutError."""
     profile = load_profile(axis.profile)
-    read = partial(configuration.read_optional, drive)
+    read = drive.read_optional
     found = []
     for check in (
         configuration.check_identity(drive, axis, {}),
