@@ -6,6 +6,7 @@ from dataclasses import replace
 import math
 
 from bus_world import at_rest, configured, HOME, SETTINGS, SITUATIONS, SWITCH_HOMING
+from guards import spoil_measured
 import pytest
 
 from facade_manipulator.canopen import cob_ids, pdo
@@ -105,11 +106,8 @@ def lose_the_bus(rig):
 
 
 def spoil_the_mechanism(rig):
-    checks = rig.controller.targets.mechanism
     near = (HOME[0], HOME[0] + 0.001, HOME[2])
-    rig.controller.targets.mechanism = replace(
-        checks, check_actual=lambda _: checks.check_targets(near)
-    )
+    spoil_measured(rig.controller.targets, near)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+from guards import unguarded
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -16,11 +17,7 @@ from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.group_state import GroupState
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import AxisCommand, Mode
-from facade_manipulator.drives.targets import (
-    MechanismChecks,
-    STEP_MARGIN,
-    TargetSupervisor,
-)
+from facade_manipulator.drives.targets import STEP_MARGIN, TargetSupervisor
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
@@ -65,9 +62,7 @@ class Drives:
             axis.feedback.counts = counts
         self.source = Source()
         self.group = Group(self.axes, settings)
-        self.targets = TargetSupervisor(
-            self.group, settings, MechanismChecks(self.source)
-        )
+        self.targets = TargetSupervisor(self.group, settings, *unguarded(self.source))
         self.choose(GroupState.INACTIVE, OFF)
 
     def choose(self, state: GroupState, command: AxisCommand = ON) -> None:

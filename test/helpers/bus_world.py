@@ -16,13 +16,13 @@ import math
 
 from cycle_checks import CycleChecks
 from fake_bus import BusWorld
+from guards import guarded_follower
 from replies import future_of
 
 from facade_manipulator.canopen import sdo
 from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.clock import SteadyTime
 from facade_manipulator.control_loop.channel import LoopSetup
-from facade_manipulator.control_loop.control_loop import checked_follower
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller import DriveController, REQUESTS
 from facade_manipulator.drives.controller_settings import ControllerSettings
@@ -67,11 +67,10 @@ class Rig(BusWorld):
         self.settings, self.axes = settings, axes
         self._told = 0
         self._steady_time = SteadyTime(self.clock)
-        self.follower, checked = checked_follower(
-            LoopSetup(Geometry(), settings, axes, limits=limits or MotionLimits())
-        )
+        setup = LoopSetup(Geometry(), settings, axes, limits=limits or MotionLimits())
+        self.follower, *parts = guarded_follower(setup, checks)
         self.controller = DriveController(
-            settings, axes, self.open_bus, replace(checked, **checks), self.clock
+            settings, axes, self.open_bus, *parts, self.clock
         )
         self.controller.observe = self._observe
         self.checks = CycleChecks(self)
