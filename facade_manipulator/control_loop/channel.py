@@ -20,7 +20,7 @@ from typing import Any
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.stopping import StoppingAnalysis
+from facade_manipulator.drives.stopping_distances import StoppingAnalysis
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits

@@ -32,13 +32,11 @@ from facade_manipulator.canopen.bus import CanBus, open_bus
 from facade_manipulator.canopen.clock import Clock, SteadyTime
 from facade_manipulator.control_loop.channel import Channel, LoopSetup
 from facade_manipulator.drives.controller import DriveController
+from facade_manipulator.drives.guard import Guard
 from facade_manipulator.drives.realtime import take_over_collector
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
-from facade_manipulator.drives.targets import MechanismChecks
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.motion.braking import fastest_near
 from facade_manipulator.motion.follower import SetpointFollower
-from facade_manipulator.motion.guard import homing_guard, measured_guard, path_guard
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.timeouts import CLOSE_REQUEST_TIMEOUT, END_TIMEOUT
@@ -56,26 +54,25 @@ NOT_CLOSED = (
 _log = logging.getLogger(__name__)
 
 
-def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismChecks]:
+def guarded_follower(setup: LoopSetup) -> tuple[SetpointFollower, Guard]:
     """
-    Return the follower of setpoints, and the checks of the mechanism.
+    Return the follower of setpoints, and the guard of its mechanism.
 
     Raises the ParameterErrors of `StoppingAnalysis.check`.
     """
-    guard = path_guard(setup.geometry)
+    guard = Guard(
+        setup.geometry,
+        setup.stopping(setup.limits).separation,
+        max(axis.limit_margin for axis in setup.axes),
+    )
     follower = SetpointFollower(
         setup.stream,
         setup.limits,
         setup.controller.period,
-        guard,
-        fastest_near(setup.geometry, setup.stopping(setup.limits).separation),
+        guard.check_targets,
+        guard.allowed_speed,
     )
-    return follower, MechanismChecks(
-        follower,
-        guard,
-        homing_guard(setup.geometry),
-        measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes)),
-    )
+    return follower, guard
 
 
 class HangAlarm:
@@ -118,9 +115,9 @@ class ControlLoop:
         self._channel = channel
         self._alarm = alarm
         if machine is None:
-            follower, mechanism = checked_follower(setup)
+            follower, guard = guarded_follower(setup)
             controller = DriveController(
-                setup.controller, setup.axes, self._open_bus, mechanism
+                setup.controller, setup.axes, self._open_bus, follower, guard
             )
             machine = (follower, controller)
         self.follower, self.controller = machine

@@ -25,15 +25,12 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.drive_bus import DriveBus
 from facade_manipulator.drives.group import Group
+from facade_manipulator.drives.guard import Guard, Unguarded
 from facade_manipulator.drives.outcome import outcome_of
 from facade_manipulator.drives.publication import Publication
 from facade_manipulator.drives.requests import Request, REQUESTS
 from facade_manipulator.drives.snapshot import Cause, ControllerSnapshot, Remedy
-from facade_manipulator.drives.targets import (
-    allow_anything,
-    MechanismChecks,
-    TargetSupervisor,
-)
+from facade_manipulator.drives.targets import TargetSupervisor
 from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
 
 _log = logging.getLogger(__name__)
@@ -82,7 +79,8 @@ class DriveController:
         settings: ControllerSettings,
         axes: tuple[AxisSettings, ...],
         open_bus: Callable[[], CanBus],
-        mechanism: MechanismChecks,
+        source: Any,
+        guard: Guard | Unguarded,
         clock: Clock | None = None,
     ) -> None:
         longest_stop = max(axis.stop_time for axis in axes)
@@ -92,20 +90,22 @@ class DriveController:
         emcy.read_faults()  # a first fault must not wait for the table
         self.clock = clock or Clock()
         self.bus = DriveBus(open_bus, self.settings, self.clock)
-        self._use(make_axes(axes, self.settings), mechanism)
+        self._use(make_axes(axes, self.settings), source, guard)
         self.forbidden = ForbiddenPower()
         self.is_closed = False
         self.running: RunningRequest | None = None
         #: takes each new snapshot; must not wait
-        self.observe: Callable[[ControllerSnapshot], None] = allow_anything
+        self.observe: Callable[[ControllerSnapshot], None] | None = None
         self._publication = Publication(self.settings)
         self._publish()
 
-    def _use(self, axes: tuple[Axis, ...], mechanism: MechanismChecks) -> None:
+    def _use(
+        self, axes: tuple[Axis, ...], source: Any, guard: Guard | Unguarded
+    ) -> None:
         """Use axes of which nothing is known yet."""
         self.axes = axes
         self.group = Group(axes, self.settings)
-        self.targets = TargetSupervisor(self.group, self.settings, mechanism)
+        self.targets = TargetSupervisor(self.group, self.settings, source, guard)
 
     @property
     def now(self) -> float:
@@ -225,7 +225,9 @@ class DriveController:
             realtime.collect_garbage()
 
     def _publish(self) -> None:
-        self.observe(self._publication.renew(self))
+        snapshot = self._publication.renew(self)
+        if self.observe is not None:
+            self.observe(snapshot)
 
     # --- the running request
 
@@ -343,7 +345,7 @@ class DriveController:
             Axis(axis.name, axis.settings, axis.profile, self.settings)
             for axis in self.axes
         ]
-        self._use(tuple(renewed), self.targets.mechanism)
+        self._use(tuple(renewed), self.targets.source, self.targets.guard)
 
     def lose(self, error: BusError) -> None:
         """Stop sending, so that the drives stop by themselves; forget their positions."""

@@ -236,7 +236,7 @@ class CyclicExchange:
     def _supervise(self, now: float) -> None:
         """Supervise the drives, their targets and the cycle; stop the group for a failure."""
         group = self.group
-        may_rest = not group.is_ramping or self._targets.mechanism.source.at_rest
+        may_rest = not group.is_ramping or self._targets.source.at_rest
         for axis in group.axes:
             axis.end_cycle(self.clock.sync_time, may_rest)
         self._targets.supervise(now)

@@ -91,7 +91,7 @@ def activate(controller: DriveController) -> Steps[str]:
             )
         positions = positions_of(controller.axes)
         try:
-            controller.targets.mechanism.check_targets(positions)
+            controller.targets.guard.check_targets(positions)
         except ManipulatorError as error:
             raise DriveStateError(
                 f'activate is not possible from here: {error.problem}; '

@@ -9,8 +9,7 @@ never clamped.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from math import ceil
 from typing import Any
 
@@ -19,6 +18,7 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.cycle import CycleClock
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.group_state import GroupState
+from facade_manipulator.drives.guard import Guard, Unguarded
 from facade_manipulator.drives.snapshot import Cause, Remedy
 from facade_manipulator.errors import ManipulatorError, SetpointLimitError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
@@ -27,33 +27,21 @@ ROUNDING = 1e-9  # m
 STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
 
 
-def allow_anything(*_: object) -> None:
-    """Accept all positions, the default without a mechanism."""
-
-
-@dataclass(frozen=True)
-class MechanismChecks:
-    """Source of targets, and checks that raise a ManipulatorError."""
-
-    #: asked for targets once a cycle while active: a
-    #: `facade_manipulator.motion.follower.SetpointFollower`, or `at_rest`, `reset`, `hold`,
-    #: `wait`, `sample` and `withdraw` as it has them
-    source: Any
-    #: takes three targets [m]
-    check_targets: Callable[[PerCarriage], None] = allow_anything
-    #: takes three positions [m] and which axes are homed, in each cycle of homing
-    check_homing: Callable[[PerCarriage, tuple[bool, ...]], None] = allow_anything
-    #: takes three measured positions [m], in each cycle while targets are followed
-    check_actual: Callable[[PerCarriage], None] = allow_anything
-
-
 class TargetSupervisor:
     """Supervisor of the mechanism, which chooses the targets of each cycle."""
 
     def __init__(
-        self, group: Group, settings: ControllerSettings, mechanism: MechanismChecks
+        self,
+        group: Group,
+        settings: ControllerSettings,
+        source: Any,
+        guard: Guard | Unguarded,
     ) -> None:
-        self.mechanism = mechanism
+        #: asked for targets once a cycle while active: a
+        #: `facade_manipulator.motion.follower.SetpointFollower`, or `at_rest`, `reset`, `hold`,
+        #: `wait`, `sample` and `withdraw` as it has them
+        self.source = source
+        self.guard = guard
         #: the targets last chosen [m] while the drives follow, else None
         self.positions: PerCarriage | None = None
         self._group = group
@@ -83,9 +71,9 @@ class TargetSupervisor:
         try:
             actual = positions_of(self._axes)
             if is_homing:
-                self.mechanism.check_homing(actual, self._homed())
+                self.guard.check_homing(actual, self._homed())
             else:
-                self.mechanism.check_actual(actual)
+                self.guard.check_measured(actual)
         except ManipulatorError as error:
             group.stop(
                 Cause(
@@ -153,7 +141,7 @@ class TargetSupervisor:
         self._remember()
         try:
             if clock.held:
-                self.mechanism.source.wait(clock.held)
+                self.source.wait(clock.held)
             self.choose(reach_time)
         except Exception as error:  # the source of targets may be the user's code
             failure = (
@@ -176,7 +164,7 @@ class TargetSupervisor:
         counts, self.positions, self._state = self._remembered
         for axis, target in zip(self._axes, counts, strict=True):
             axis.output.aim_at(target)
-        self.mechanism.source.withdraw()
+        self.source.withdraw()
 
     def _remember(self) -> None:
         counts = [axis.output.target for axis in self._axes]
@@ -202,7 +190,7 @@ class TargetSupervisor:
             held = self._begin_at_targets()
         if state is GroupState.ACTIVATING:
             return
-        source = self.mechanism.source
+        source = self.source
         if state is not GroupState.ACTIVE:
             source.hold()
         self._use(source.sample(reach_time), held)
@@ -226,12 +214,12 @@ class TargetSupervisor:
         held = (q1, q2, q3)
         self.positions = held
         self._latched.extend([held] * (self._latched.maxlen or 0))
-        self.mechanism.source.reset(held)
+        self.source.reset(held)
         return held
 
     def _use(self, targets: PerCarriage, held: PerCarriage) -> None:
         """Check targets after those held [m], the last check before the bus; convert them."""
-        self.mechanism.check_targets(targets)
+        self.guard.check_targets(targets)
         for name, old, new in zip(AXIS_NAMES, held, targets, strict=True):
             step = abs(new - old)
             if not step <= self._largest_step + ROUNDING:  # also a step not finite

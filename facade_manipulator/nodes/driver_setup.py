@@ -12,7 +12,7 @@ from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.control_loop.channel import LoopSetup
 from facade_manipulator.drives.axis_settings import read_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.stopping import StoppingAnalysis
+from facade_manipulator.drives.stopping_distances import StoppingAnalysis
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits

@@ -17,10 +17,11 @@ import signal
 
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller import DriveController
+from facade_manipulator.drives.guard import Unguarded
 from facade_manipulator.drives.homing import METHODS_AT_PRESENT_POSITION
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import AxisSnapshot
-from facade_manipulator.drives.targets import MechanismChecks, ROUNDING
+from facade_manipulator.drives.targets import ROUNDING
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 from facade_manipulator.tools.commissioning.context import Context
@@ -110,7 +111,8 @@ class Motion:
             settings,
             tuple(_narrowed(axis, window, speed) for axis in context.axes.values()),
             context.open,
-            MechanismChecks(self.targets),
+            self.targets,
+            Unguarded(),  # a link may not be joined
             context.clock,
         )
         self.is_stopping = False  #: whether a stop is part of the test

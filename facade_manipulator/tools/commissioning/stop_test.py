@@ -18,6 +18,7 @@ import numpy as np
 
 from facade_manipulator.drives.snapshot import AxisSnapshot
 from facade_manipulator.drives.states import AxisCommand, Controlword, Mode, State
+from facade_manipulator.drives.stopping_distances import SCATTER
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.tools.commissioning.braking_curve import (
@@ -26,7 +27,7 @@ from facade_manipulator.tools.commissioning.braking_curve import (
 )
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.motion import ACCELERATION, Motion, powered
-from facade_manipulator.tools.stopping import COASTING, SCATTER
+from facade_manipulator.tools.stopping import COASTING
 
 QUICK_STOP, SILENT_MASTER, POWER_OFF = 'quick stop', 'silent master', 'power off'
 REMEDIES = {

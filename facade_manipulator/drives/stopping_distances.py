@@ -1,0 +1,366 @@
+"""
+Stopping distances of carriages: at the start, in the table of the tool, and near a neighbour.
+
+The driver sends only targets from which the three carriages can brake together and keep their gap.
+Drives that stop by themselves do not coordinate, so that less than the gap remains. The order on
+the rail is A1, A3, A2.
+
+- **At the start** (`StoppingAnalysis.check`): failures in which every drive brakes must leave the
+  carriages apart; otherwise the driver does not start. If one of two neighbours fails, the other
+  continues until the failure is detected.
+- **Near a neighbour** (`Separation`): at full speed no brake avoids a carriage that stops at once,
+  such as on a seized screw. Near each other, carriages are therefore slow enough to brake in time.
+- **In the table** (`StoppingAnalysis.table`): the emergency stop does not pass the driver. The
+  distances that it leaves are those of the hardware.
+
+References
+----------
+IEC 60204-1 (stop categories), IEC 61800-5-2 (STO, SS1-t).
+
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+import math
+from typing import NamedTuple
+
+from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.motion.limits import MotionLimits
+
+MEASURED_SHARE = (
+    0.25  # share of the free gap by which measured carriages may be too near
+)
+SEARCHED_SPEEDS = (
+    41  # number of speeds in the search; twice as many change the distance by 0.1 mm
+)
+MARGIN = 0.001  # m, for the speed that a carriage gains before it brakes
+CYCLES_TO_STOP = (
+    2  # a report just after one SYNC is answered after the next, and latched then
+)
+MIN_SPEED = 0.01  # m/s, that must remain for carriages at their minimum gap
+WINDOW_SHARE = (
+    0.75  # of the free distance between carriages, at most, may one lag undetected
+)
+ROUNDING = 1e-9  # m, m/s, m/s²
+# of the emergency stop
+SCATTER = 0.2  # share of the coasting deceleration, up or down: friction varies along the rail
+LOAD = (
+    0.7  # deceleration with the heaviest load, as a share of that of an empty machine
+)
+INPUT_SPREAD = 0.005  # s, maximum time between the quick-stop inputs of three drives
+RELAY_SPREAD = 0.01  # s, maximum time between their STO inputs
+TABLE_SPEEDS = 5  # number of speeds in the table
+
+
+def least_distance(
+    gap: float, limits: MotionLimits, deceleration: float, delay: float
+) -> float:
+    """
+    Return the minimum distance of neighbours that brake independently, over all motions [m].
+
+    Two neighbours always keep the distance from which all three carriages can brake together with
+    `gap` left at rest. Braking together, a carriage that moves away from its neighbour first
+    reduces its acceleration at the limit of jerk, which adds a²/2j to its speed. Braking
+    independently, it does not. The left carriage brakes at once, the right one after the delay;
+    the mirrored case has the same minimum. The search covers all speeds and takes the distance at
+    rest. A pair that is nearest earlier, while both have a speed w, loses as much distance as a
+    pair that is slower by w loses until rest.
+
+    Parameters
+    ----------
+    gap : float
+        Minimum commanded distance [m].
+    limits : MotionLimits
+        Limits of the commanded motion.
+    deceleration : float
+        Deceleration of each carriage that brakes independently [m/s²].
+    delay : float
+        Delay of the right carriage's brake after that of the left [s].
+
+    Returns
+    -------
+    float
+        Minimum distance [m]; a value below 0 means a collision.
+
+    """
+    stops = [  # speeds, and distances from them to rest
+        (speed, speed * abs(speed) / (2.0 * deceleration))
+        for speed in (
+            limits.speed * (2.0 * number / (SEARCHED_SPEEDS - 1) - 1.0)
+            for number in range(SEARCHED_SPEEDS)
+        )
+    ]
+    return min(
+        starting_distance(gap, limits, left, right)
+        + right * delay
+        + right_stop
+        - left_stop
+        for left, left_stop in stops
+        for right, right_stop in stops
+    )
+
+
+def starting_distance(
+    gap: float, limits: MotionLimits, left: float, right: float
+) -> float:
+    """Return the minimum distance [m] of neighbours that are commanded to have speeds [m/s]."""
+    speed, acceleration = limits.speed, limits.acceleration
+    gained = 0.5 * acceleration**2 / limits.jerk
+    off1, off2 = left - min(gained, speed + left), right + min(gained, speed - right)
+    together = max(abs(off1), abs(off2)) / (2.0 * acceleration)
+    return gap + max(0.0, (off1 - off2) * together)
+
+
+def overshoot(speed: float, acceleration: float, deceleration: float) -> float:
+    """
+    Return the maximum overshoot of a carriage beyond the stroke [m].
+
+    The commanded motion could come to rest inside with the acceleration [m/s²]. The carriage
+    brakes from its speed [m/s] with the deceleration [m/s²] instead.
+    """
+    return max(0.0, 0.5 * speed**2 * (1.0 / deceleration - 1.0 / acceleration))
+
+
+class Separation(NamedTuple):
+    """
+    Maximum speed of carriages by distance, so that none hits a neighbour that stops at once.
+
+    A silent drive is detected after `silence`. A drive that still answers is detected by its
+    following error, or by a measured distance below the tolerated minimum.
+    """
+
+    touching: float  #: distance at which neighbours touch [m]
+    deceleration: float  #: deceleration of the weakest brake [m/s²]
+    silence: float  #: time until the others brake after a drive falls silent [s]
+    window: float  #: following error that is tolerated [m]
+    tracking: float  #: time for which a larger following error is tolerated [s]
+    tolerated: float  #: minimum measured distance that is tolerated [m]
+    report: float  #: time from a smaller distance until the carriages brake [s]
+
+    def speed(self, distance: float) -> float:
+        """Return the maximum speed of neighbours at a distance [m], in m/s."""
+        seen = max(
+            self._stopping_from(self.tolerated, self.report),
+            self._stopping_from(distance - self.window, self.tracking),
+        )
+        return min(seen, self._stopping_from(distance, self.silence))
+
+    def distance(self, speed: float) -> float:
+        """Return the minimum distance [m] at which neighbours may have a speed [m/s]."""
+
+        def needed(delay: float) -> float:
+            return (
+                self.touching
+                + MARGIN
+                + speed * delay
+                + 0.5 * speed**2 / self.deceleration
+            )
+
+        is_seen = needed(self.report) <= self.tolerated
+        return max(
+            needed(self.silence),
+            0.0 if is_seen else self.window + needed(self.tracking),
+        )
+
+    def _stopping_from(self, distance: float, delay: float) -> float:
+        """Return the speed [m/s] from which a carriage stops within a distance after a delay."""
+        room = max(0.0, distance - self.touching - MARGIN)
+        late = self.deceleration * delay
+        return math.sqrt(late * late + 2.0 * self.deceleration * room) - late
+
+
+class Outcome(NamedTuple):
+    """Worst outcome of a failure."""
+
+    name: str  #: of the failure, as an operator reads it
+    distance: float  #: minimum distance of two neighbours [m]
+    gap: float  #: carriage_gap with which no carriage touches at the present limits [m]
+
+
+class EmergencyStop(NamedTuple):
+    """Distances of two carriages that approach each other in an emergency stop."""
+
+    speed: float  #: of both carriages [m/s]
+    begin: float  #: minimum distance at which the driver allows the speed [m]
+    left_by_ss1_t: float  #: remaining distance after SS1-t [m]; below 0 they touch
+    left_by_sto: float  #: the same after STO
+
+
+@dataclass(frozen=True)
+class StoppingAnalysis:
+    """Worst outcome of each failure; of axes that differ, the weakest counts."""
+
+    geometry: Geometry
+    limits: MotionLimits
+    axes: tuple[AxisSettings, ...]
+    controller: ControllerSettings
+
+    @property
+    def overshoot(self) -> float:
+        """Return the maximum overshoot of a carriage beyond the stroke [m]."""
+        return overshoot(
+            self.limits.speed, self.limits.acceleration, self.separation.deceleration
+        )
+
+    @cached_property
+    def separation(self) -> Separation:
+        """Return the limit of the carriages' speed by their distance."""
+        axes, geometry, controller = self.axes, self.geometry, self.controller
+        reported = CYCLES_TO_STOP * controller.period + controller.drive_lag
+        return Separation(
+            touching=geometry.carriage_length,
+            deceleration=min(axis.stop_deceleration for axis in axes),
+            silence=(controller.max_missed_cycles + 1) * controller.period
+            + controller.drive_lag,
+            window=max(axis.following_error_window for axis in axes),
+            tracking=reported + max(axis.following_error_time for axis in axes),
+            tolerated=geometry.carriage_gap
+            - MEASURED_SHARE * (geometry.carriage_gap - geometry.carriage_length),
+            report=reported,
+        )
+
+    @cached_property
+    def outcomes(self) -> list[Outcome]:
+        """Return the outcomes of the failures that `check` requires to end without contact."""
+        gap, touching = self.geometry.carriage_gap, self.geometry.carriage_length
+        return [
+            Outcome(name, distance, gap + touching - distance)
+            for name, delay in (
+                ('all three brake at once', 0.0),
+                (
+                    'one brakes independently and reports',
+                    CYCLES_TO_STOP * self.controller.period,
+                ),
+            )
+            for distance in [
+                least_distance(gap, self.limits, self.separation.deceleration, delay)
+            ]
+        ]
+
+    def check(self) -> None:
+        """
+        Require that braking carriages stay apart and inside the position limits of the drives.
+
+        Raises a ParameterError with the consequence of these parameters and with values that
+        avoid it.
+        """
+        limits, axes, separation = self.limits, self.axes, self.separation
+        gap, touching = self.geometry.carriage_gap, separation.touching
+        for quantity, value, unit, bound_name, bound, remedy in (
+            (
+                'limits.speed',
+                limits.speed,
+                'm/s',
+                'axes.max_speed',
+                min(axis.max_speed for axis in axes),
+                'reduce limits.speed',
+            ),
+            (
+                'limits.acceleration',
+                limits.acceleration,
+                'm/s^2',
+                'axes.max_acceleration',
+                min(axis.max_acceleration for axis in axes),
+                'reduce limits.acceleration',
+            ),
+            (
+                'limits.speed x controller.drive_lag',
+                limits.speed * self.controller.drive_lag,
+                'm',
+                'axes.following_error_window',
+                min(axis.following_error_window for axis in axes),
+                'reduce limits.speed, at which the drives would trip',
+            ),
+            (
+                'the overshoot of a carriage beyond the stroke',
+                self.overshoot,
+                'm',
+                'the limit of its drive',
+                min(axis.limit_margin for axis in axes),
+                f'increase axes.stop_deceleration = {separation.deceleration:g} m/s^2 to at least '
+                f'limits.acceleration = {limits.acceleration:g} m/s^2',
+            ),
+            (
+                'axes.following_error_window',
+                separation.window,
+                'm',
+                f'{WINDOW_SHARE:g} of geometry.carriage_gap less carriage_length',
+                WINDOW_SHARE * (gap - touching),
+                'reduce axes.following_error_window',
+            ),
+            (
+                'the speed that must remain for carriages at geometry.carriage_gap',
+                MIN_SPEED,
+                'm/s',
+                'the speed at which a stopped neighbour is not hit',
+                separation.speed(gap),
+                'increase geometry.carriage_gap to at least '
+                f'{separation.distance(MIN_SPEED):.3g} m',
+            ),
+            *(
+                (
+                    'geometry.carriage_length',
+                    touching,
+                    'm',
+                    f'the minimum distance of neighbours if {one.name}',
+                    one.distance,
+                    f'increase geometry.carriage_gap to at least {one.gap:.3g} m, '
+                    'axes.stop_deceleration or limits.jerk, or reduce limits.speed',
+                )
+                for one in self.outcomes
+            ),
+        ):
+            if value > bound + ROUNDING:
+                raise ParameterError(
+                    f'{quantity} = {value:.3g} {unit} is above {bound_name} = '
+                    f'{bound:.3g} {unit}; next: {remedy}'
+                )
+
+    def table(self, coasting: float) -> list[EmergencyStop]:
+        """
+        Return the distances that emergency stops leave, at five speeds up to the limit.
+
+        Without power (STO, stop category 0) carriages coast with a mean deceleration [m/s²]. With
+        SS1-t (stop category 1) all drives brake by their quick-stop inputs before they lose power.
+        """
+        braking = LOAD * self.separation.deceleration
+        slowest_coasting = (1.0 - SCATTER) * coasting
+        rows = []
+        for number in range(1, TABLE_SPEEDS + 1):
+            speed = self.limits.speed * number / TABLE_SPEEDS
+            rows.append(
+                EmergencyStop(
+                    speed,
+                    self.separation.distance(speed),
+                    self.remaining(speed, INPUT_SPREAD, braking),
+                    self.remaining(speed, RELAY_SPREAD, slowest_coasting),
+                )
+            )
+        return rows
+
+    @property
+    def sto_delay(self) -> float:
+        """Return the time from quick-stop inputs to STO [s], in which the heaviest load stops."""
+        slowest = self.limits.speed / (LOAD * self.separation.deceleration)
+        delay = slowest + self.controller.drive_lag + INPUT_SPREAD
+        return math.ceil(100.0 * delay) / 100.0
+
+    def remaining(self, speed: float, spread: float, deceleration: float) -> float:
+        """
+        Return the remaining distance of two carriages that approach each other and stop [m].
+
+        They start at the minimum distance that the driver allows at the speed [m/s]. They brake
+        with a deceleration [m/s²] after the lag of the drives and the spread of their inputs [s].
+        """
+        start = max(
+            self.separation.distance(speed),
+            starting_distance(self.geometry.carriage_gap, self.limits, speed, -speed),
+        )
+        delay = self.controller.drive_lag + spread
+        travelled = speed * (2.0 * delay + speed / deceleration)
+        return start - self.geometry.carriage_length - travelled
