@@ -6,21 +6,25 @@ from mechanism import VARIANTS
 import numpy as np
 import pytest
 
+from facade_manipulator.drives.guard import Guard, MechanismCheck
+from facade_manipulator.drives.stopping_distances import Separation
 from facade_manipulator.errors import LimitError, ParameterError
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose
-from facade_manipulator.motion.guard import (
-    homing_guard,
-    measured_guard,
-    mechanism_guard,
-    path_guard,
-)
 
 GEOMETRY = Geometry()
 MADE = Geometry(
     carriage_offsets=(0.004, 0.0, 0.0), rail_angle=0.01, link_errors=(1e-3, 0.0)
 )
 NEAR = (-0.1, 0.1, -0.09)
-guard, measured = mechanism_guard(GEOMETRY), measured_guard(GEOMETRY, margin=0.0)
+SEPARATION = Separation(0.0, 6.0, 0.04, 0.015, 0.02, 0.015, 0.02)
+
+
+def guard_of(geometry, limit_margin=0.0):
+    return Guard(geometry, SEPARATION, limit_margin)
+
+
+exact = MechanismCheck(GEOMETRY).exact
+measured = guard_of(GEOMETRY).check_measured
 
 
 def rejection(check, *arguments):
@@ -39,26 +43,26 @@ def test_every_certified_pose_passes_the_guard(geometry, x, y, theta):
         carriages = Mechanism(geometry).certify(Pose(x, y, theta))
     except LimitError:
         assume(False)
-    mechanism_guard(geometry)(tuple(carriages))
+    MechanismCheck(geometry).exact(tuple(carriages))
 
 
 @pytest.mark.parametrize(
     ('check', 'positions', 'message'),
     [
-        (guard, (-0.51, -0.1, -0.3), 'q1 = -0.51 m is below'),
-        (guard, (0.31, 0.51, 0.4), 'q2 = 0.51 m is above'),
-        (guard, (-0.1, 0.3, -0.085), 'q3 - q1 = 0.015 m is below'),
-        (guard, (-0.4, 0.4, 0.0), ' is '),
-        (guard, (0.1, -0.1, 0.0), ' is '),
-        (guard, (-0.1, math.nan, 0.0), 'nan'),
-        (guard, (-0.1, 0.1, math.inf), 'inf'),
+        (exact, (-0.51, -0.1, -0.3), 'q1 = -0.51 m is below'),
+        (exact, (0.31, 0.51, 0.4), 'q2 = 0.51 m is above'),
+        (exact, (-0.1, 0.3, -0.085), 'q3 - q1 = 0.015 m is below'),
+        (exact, (-0.4, 0.4, 0.0), ' is '),
+        (exact, (0.1, -0.1, 0.0), ' is '),
+        (exact, (-0.1, math.nan, 0.0), 'nan'),
+        (exact, (-0.1, 0.1, math.inf), 'inf'),
         (measured, (-0.1, 0.1, 0.0), ''),
         # Measured positions may lag by 5 mm of the gap of 20 mm and by the margin of the drives.
         (measured, (-0.1, 0.1, -0.084), ''),
         (measured, (-0.1, 0.1, -0.086), 'q3 - q1 = 0.014 m'),
         (measured, (0.3, 0.504, 0.4), ''),
         (measured, (0.3, 0.506, 0.4), 'q2 = 0.506 m'),
-        (measured_guard(GEOMETRY, margin=0.002), (0.3, 0.506, 0.4), ''),
+        (guard_of(GEOMETRY, limit_margin=0.002).check_measured, (0.3, 0.506, 0.4), ''),
         (measured, (-0.347, 0.347, 0.0), ''),
         (measured, (-0.36, 0.36, 0.0), ' is '),
     ],
@@ -70,8 +74,8 @@ def test_impossible_positions_are_rejected_with_their_limit(check, positions, me
 
 @given(st.lists(st.tuples(*[st.floats(-0.6, 0.6)] * 3), max_size=5))
 def test_path_is_rejected_at_its_first_impossible_position(path):
-    rejections = [rejection(guard, positions) for positions in path]
-    assert rejection(guard, *path) == next(filter(None, rejections), '')
+    rejections = [rejection(exact, positions) for positions in path]
+    assert rejection(exact, *path) == next(filter(None, rejections), '')
 
 
 @pytest.mark.parametrize(
@@ -83,14 +87,13 @@ def test_path_is_rejected_at_its_first_impossible_position(path):
     ],
 )
 @pytest.mark.parametrize('tolerances', [(1e-6, 0.0), (0.005, 0.002)])
-def test_path_guard_decides_as_the_mechanism_guard(geometry, tolerances):
-    fast = path_guard(geometry, *tolerances)
-    exact = mechanism_guard(geometry, *tolerances)
+def test_fast_check_decides_as_the_exact_check(geometry, tolerances):
+    check = MechanismCheck(geometry, *tolerances)
     distances = np.random.default_rng(0).uniform(-0.02, 0.65, (20_000, 2))
     for number, (left, right) in enumerate(distances.tolist()):
         q3 = 0.4 * math.sin(number)
         positions = (q3 - left, q3 + right, q3)
-        assert rejection(fast, positions) == rejection(exact, positions)
+        assert rejection(check, positions) == rejection(check.exact, positions)
 
 
 @pytest.mark.parametrize(
@@ -114,8 +117,8 @@ def test_path_guard_decides_as_the_mechanism_guard(geometry, tolerances):
         (MADE, (-0.022, 0.1, 0.0), (True, True, True), 'q3 - q1 = 0.018 m'),
     ],
 )
-def test_homing_guard_checks_neighbours_then_the_mechanism(
+def test_homing_check_covers_neighbours_then_the_mechanism(
     geometry, positions, homed, message
 ):
-    found = rejection(homing_guard(geometry), positions, homed)
+    found = rejection(guard_of(geometry).check_homing, positions, homed)
     assert message in found if message else not found

@@ -7,7 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.motion.braking import least_distance, overshoot, Separation
+from facade_manipulator.drives.stopping_distances import (
+    least_distance,
+    overshoot,
+    Separation,
+)
 from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter
 
 LIMITS = MotionLimits()

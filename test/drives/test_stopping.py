@@ -9,10 +9,10 @@ import pytest
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.stopping import StoppingAnalysis
+from facade_manipulator.drives.guard import Guard
+from facade_manipulator.drives.stopping_distances import StoppingAnalysis
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.motion.braking import fastest_near
 from facade_manipulator.motion.limits import MotionLimits
 
 GEOMETRY, LIMITS, CONTROLLER = Geometry(), MotionLimits(), ControllerSettings()
@@ -62,9 +62,11 @@ def test_worst_axis_and_drive_lag_determine_the_separation(lag):
 
 def test_loop_slows_down_when_measured_carriages_are_near():
     start = Geometry(carriage_offsets=(0.0, 0.0, -0.02))
-    fast = fastest_near(start, analysis(start).separation)
-    assert fast((-0.1, 0.1, 0.0)) > LIMITS.speed
-    assert fast((-0.05, 0.1, 0.0)) == pytest.approx(analysis().separation.speed(0.03))
+    guard = Guard(start, analysis(start).separation, limit_margin=0.0)
+    assert guard.allowed_speed((-0.1, 0.1, 0.0)) > LIMITS.speed
+    assert guard.allowed_speed((-0.05, 0.1, 0.0)) == pytest.approx(
+        analysis().separation.speed(0.03)
+    )
 
 
 @pytest.mark.parametrize('number', [0, 1])

@@ -15,6 +15,7 @@ from sensor_record import feed, PERIOD, SETUP, START
 
 from facade_manipulator.compensation.compensator import Compensator, DEFAULTS
 from facade_manipulator.compensation.held_back import LEAST_ERROR
+from facade_manipulator.drives.guard import MechanismCheck
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.estimation.estimator import DisturbanceEstimator
 from facade_manipulator.kinematics import (
@@ -27,7 +28,6 @@ from facade_manipulator.kinematics import (
     Wrench,
 )
 from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
-from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream
 from facade_manipulator.parameters import settings_from
@@ -80,7 +80,7 @@ class ClosedLoop:
         )
         self.rejections: list[str] = []
         self.follower = SetpointFollower(
-            StreamSettings(), MotionLimits(), PERIOD, mechanism_guard(geometry)
+            StreamSettings(), MotionLimits(), PERIOD, MechanismCheck(geometry).exact
         )
         self.follower.reset(self.world.carriages)
         self._mechanism = Mechanism(geometry)

@@ -10,12 +10,12 @@ from frames import decode_rpdo1
 import numpy as np
 
 from facade_manipulator.canopen import pdo
+from facade_manipulator.drives.guard import MechanismCheck
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.states import Controlword, Mode, Power, State
 from facade_manipulator.errors import NEXT
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
-from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.limits import MotionLimits
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class CycleChecks:
     def __init__(self, rig: Rig) -> None:
         self.is_late = False  #: whether commands may be more than a period apart
         self.limits = MotionLimits()  #: of the commands
-        self.check_targets = mechanism_guard(Geometry())
+        self.check_targets = MechanismCheck(Geometry()).exact
         self.commands = 0  #: sets of three targets that were checked
         self._rig = rig
         self._numbers = {  # of the axes whose commands come in the default PDO

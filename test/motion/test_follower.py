@@ -8,6 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import pytest
 
+from facade_manipulator.drives.guard import MechanismCheck
 from facade_manipulator.errors import ManipulatorError, StrokeLimitError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.follower import (
@@ -15,7 +16,6 @@ from facade_manipulator.motion.follower import (
     SetpointFollower,
     StreamSettings,
 )
-from facade_manipulator.motion.guard import mechanism_guard, path_guard
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
@@ -293,10 +293,10 @@ def test_every_position_of_a_brake_was_checked(rate):
 def test_stream_along_the_gap_never_commands_a_rejected_target(
     rate, amplitude, speed, silence
 ):
-    guard = mechanism_guard(Geometry())
+    check = MechanismCheck(Geometry())
     period = 1.0 / rate
     start = (-0.021, 0.021, 0.0)
-    made = follower(path_guard(Geometry()), start, period)
+    made = follower(check, start, period)
     frequency = speed / amplitude
     for cycle in range(rate):
         now = cycle * period
@@ -316,7 +316,7 @@ def test_stream_along_the_gap_never_commands_a_rejected_target(
                     ),
                     now,
                 )
-        guard(made.sample(now + LEAD))
+        check.exact(made.sample(now + LEAD))
 
 
 def keeps_gap(*path):

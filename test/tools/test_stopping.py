@@ -4,18 +4,16 @@ import pytest
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.drives.stopping import StoppingAnalysis
+from facade_manipulator.drives.stopping_distances import (
+    INPUT_SPREAD,
+    RELAY_SPREAD,
+    SCATTER,
+    StoppingAnalysis,
+)
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.resources import config_path
-from facade_manipulator.tools.stopping import (
-    INPUT_SPREAD,
-    main,
-    RELAY_SPREAD,
-    remaining,
-    SCATTER,
-    sto_delay,
-)
+from facade_manipulator.tools.stopping import main
 
 LIMITS = MotionLimits()
 HEAVIEST = 0.7  # deceleration with the heaviest load, as a share
@@ -78,7 +76,7 @@ def test_stop_category_1_leaves_5_mm_at_every_speed(lag, gap, load):
     deceleration = load * late.separation.deceleration
     assert (
         min(
-            remaining(late, speed, INPUT_SPREAD, deceleration)
+            late.remaining(speed, INPUT_SPREAD, deceleration)
             for speed in (0.1, 0.2, 0.3, 0.4, 0.5)
         )
         >= 0.005
@@ -87,7 +85,7 @@ def test_stop_category_1_leaves_5_mm_at_every_speed(lag, gap, load):
 
 def test_stop_category_0_leaves_less_with_less_friction():
     left = [
-        remaining(analysis(), 0.5, RELAY_SPREAD, (1.0 - SCATTER) * coasting)
+        analysis().remaining(0.5, RELAY_SPREAD, (1.0 - SCATTER) * coasting)
         for coasting in (1.0, 1.87, 5.0)
     ]
     assert left == sorted(left) and left[1] < 0.0
@@ -99,4 +97,4 @@ def test_sto_follows_the_stop_of_the_heaviest_load():
         LIMITS.speed / (HEAVIEST * found.separation.deceleration)
         + found.controller.drive_lag
     )
-    assert needed < sto_delay(found) < needed + 0.02
+    assert needed < found.sto_delay < needed + 0.02
