@@ -66,24 +66,20 @@ def drive_writes(
             f'drive type {profile.name}; next: set one of {known}'
         )
     values = quantities(axis, settings, profile.motor_speed_unit)
-    return [
-        *(
-            Write(
-                item.index,
-                item.subindex,
-                values[item.value] if isinstance(item.value, str) else item.value,
-                required=item.required,
-                compared=_USED_BITS.get(item.index, ALL_BITS),
-            )
-            for item in profile.objects
-        ),
-        *(one.disable_write(axis.node_id) for one in pdo.unused_pdos(profile.pdos)),
-        *(
-            write
-            for one in profile.pdos
-            for write in one.configure_writes(axis.node_id, settings.rate)
-        ),
-    ]
+    writes = []
+    for item in profile.objects:
+        value = item.value
+        if isinstance(value, str):
+            value = values[value]
+        compared = _USED_BITS.get(item.index, ALL_BITS)
+        write = Write(item.index, item.subindex, value)
+        writes.append(write._replace(required=item.required, compared=compared))
+
+    for unused in pdo.unused_pdos(profile.pdos):
+        writes.append(unused.disable_write(axis.node_id))
+    for used in profile.pdos:
+        writes += used.configure_writes(axis.node_id, settings.rate)
+    return writes
 
 
 # --- objects, written and read back

@@ -53,11 +53,13 @@ class Homing:
         self._timeout = axis.homing_strokes * stroke / axis.homing_speed
         self._most_cycles = self._timeout / period
         self._steady_cycles = ceil(STEADY_TIME / period)
-        self._cycles = self._cycles_elsewhere = 0
+        self._cycles = 0
+        self._cycles_elsewhere = 0  # with success at another position
         # without bit 10 the drive is at its home position once its counts no longer change
         self._success = _SUCCESS if needs_bit_10 else Status.HOMING_ATTAINED
         self._needs_bit_10 = needs_bit_10
-        self._counts = self._cycles_at_rest = 0
+        self._counts = 0
+        self._cycles_at_rest = 0  # in a row
         self._most_at_rest = max(
             HOME_TOLERANCE, abs(axis.to_counts(REST_SPEED * period))
         )
@@ -95,15 +97,13 @@ class Homing:
         if is_success and (self._seen_clear or is_at_home):
             self.is_homed = is_there
             self._cycles_elsewhere += 1
+            if is_there or self._cycles_elsewhere <= SETTLING_CYCLES:
+                return ''
             return (
-                ''
-                if is_there or self._cycles_elsewhere <= SETTLING_CYCLES
-                else (
-                    f'{self._name}: homing ended {self._axis.to_metres(away):+.4g} m from the '
-                    'configured home_position: check the homing method; where it is twice '
-                    'home_position, the drive takes 607Ch with the other sign (home_offset in its '
-                    'profile)'
-                )
+                f'{self._name}: homing ended {self._axis.to_metres(away):+.4g} m from the '
+                'configured home_position: check the homing method; where it is twice '
+                'home_position, the drive takes 607Ch with the other sign (home_offset in its '
+                'profile)'
             )
         if statusword & Status.HOMING_ERROR and has_settled:
             failure = 'homing failed, the drive reports a homing error'

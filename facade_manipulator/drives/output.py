@@ -21,9 +21,7 @@ class Output:
         )
         self.target = 0  #: [counts]
         self._rpdos = [
-            (one.cob_id(node_id), one.codec.pack, one.indices)
-            for one in profile.pdos
-            if not one.is_transmitted
+            (one.cob_id(node_id), one.codec.pack, one.indices) for one in profile.rpdos
         ]
         self._cyclic_bit_4 = profile.quirks.cyclic_bit_4
         # bit 4 of the last controlword, where the drive needs its change
@@ -49,10 +47,11 @@ class Output:
             indices.MODE_OF_OPERATION: command.mode,
             indices.TARGET_POSITION: self.target,
         }
-        return [
-            (cob_id, pack(*[values[index] for index in mapped]))
-            for cob_id, pack, mapped in self._rpdos
-        ]
+        frames = []
+        for cob_id, pack, mapped in self._rpdos:
+            content = [values[index] for index in mapped]
+            frames.append((cob_id, pack(*content)))
+        return frames
 
     def _bit_4(self, command: AxisCommand) -> int:
         """Return bit 4 of the controlword for a drive that needs it to take each target."""

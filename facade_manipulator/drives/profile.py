@@ -105,6 +105,11 @@ class DriveProfile:
         """Return the process data that the drive sends."""
         return tuple(one for one in self.pdos if one.is_transmitted)
 
+    @property
+    def rpdos(self) -> tuple[Pdo, ...]:
+        """Return the process data that the drive receives."""
+        return tuple(one for one in self.pdos if not one.is_transmitted)
+
     def location(self, quantity: str) -> tuple[int, int] | None:
         """Return index and subindex of the object for a quantity, None for no object."""
         return next((item[:2] for item in self.objects if item.value == quantity), None)
