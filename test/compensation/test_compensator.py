@@ -178,7 +178,9 @@ def test_lost_estimate_retracts_the_head_with_its_reason(variances, reason):
         contact=ContactSettings(enabled=True),
     ).run(4.0)
     pressing = run.compensator.contact.pressing
-    pressing.mode, run.variances = PressMode.HOLDING, variances
+    pressing.mode = PressMode.HOLDING
+    pressing.desired = pressing.settings.force
+    run.variances = variances
     for cycle in range(70):  # less than 1.05 s: the correction continues
         with suppress(ManipulatorError):
             run.compensator.contact.add_wrench(
