@@ -27,6 +27,7 @@ from facade_manipulator.study.tables import PARTS, progress, Study
 from facade_manipulator.study.workspace import Good
 
 REPORT = Path('workspace_report')
+NO_FILE = Path(os.devnull)
 BAD_INPUT = 2
 LENGTHS = {
     'l': (Geometry.link_length, 'length of the links'),
@@ -62,22 +63,22 @@ def _run(options: argparse.Namespace) -> None:
     """Check the input, then compute, print and write the chosen parts."""
     parts = [name for name in PARTS if getattr(options, name) is not None]
     if not parts and options.figures is None:
-        parts, options.figures, options.optimise = list(PARTS), REPORT, []
+        parts = list(PARTS)
+        options.figures = REPORT
+        options.optimise = []
         options.json = options.json or REPORT / 'study.json'
-    study = Study(
-        design(options.l, options.b, options.stroke, options.gap),
-        Good(options.threshold, options.characteristic_length),
-    )
+
+    geometry = design(options.l, options.b, options.stroke, options.gap)
+    good = Good(options.threshold, options.characteristic_length)
+    study = Study(geometry, good)
     if options.figures:
         options.figures.mkdir(parents=True, exist_ok=True)
-    content: dict[str, Any] = {'inputs': asdict(study.geometry) | study.good._asdict()}
+    content: dict[str, Any] = {'inputs': asdict(geometry) | good._asdict()}
     if options.json and options.json.is_dir():
         raise IsADirectoryError(f'{options.json} is a directory')
-    with (
-        atomic_write(options.json)
-        if options.json
-        else nullcontext(Path(os.devnull)) as draft
-    ):
+
+    file = atomic_write(options.json) if options.json else nullcontext(NO_FILE)
+    with file as draft:
         draft.touch()  # a file that cannot be written is rejected before the computation
         console = Console(width=None if sys.stdout.isatty() else WIDTH)
         for name in parts:
@@ -85,7 +86,8 @@ def _run(options: argparse.Namespace) -> None:
             console.print(table)
         if options.figures:
             _draw(options.figures, study)
-        draft.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n', 'utf-8')
+        text = json.dumps(content, indent=2, allow_nan=False)
+        draft.write_text(text + '\n', 'utf-8')
     if options.json:
         print(f'numbers written to {options.json}')
 

@@ -6,18 +6,24 @@ Only the figures import this module, because it imports matplotlib, which no nod
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
 from facade_manipulator.kinematics import compose, Geometry, joints, Pose, ZERO_POSE
 
-COLOUR_MAP = (
-    'viridis'  # of even lightness, distinct for colour-blind readers and in grey
-)
+# of even lightness, distinct for colour-blind readers and in grey
+COLOUR_MAP = 'viridis'
 # Okabe and Ito's colours, which colour-blind readers can distinguish
-BLUE, ORANGE, GREEN = '#0072B2', '#D55E00', '#009E73'
-BLACK, GREY, PALE = '#000000', '#777777', '#D9D9D9'
+BLUE = '#0072B2'
+ORANGE = '#D55E00'
+GREEN = '#009E73'
+BLACK = '#000000'
+GREY = '#777777'
+PALE = '#D9D9D9'
 MILLIMETRES = 1e3
 MACHINE_MODE = '+-'  # signs of the roots in eqs 7 and 8
 GHOST = 0.3  # opacity of postures behind the named one
@@ -29,10 +35,14 @@ NAMES = {  # offset [points] and alignment of labels, which do not overlap where
     'p': (0, 5, 'center'),
     'b2': (5, 5, 'left'),
 }
-X_LABEL, Y_LABEL, THETA_LABEL = (
-    'x along the rail [mm]',
-    'y from the rail [mm]',
-    'angle θ [deg]',
+X_LABEL = 'x along the rail [mm]'
+Y_LABEL = 'y from the rail [mm]'
+THETA_LABEL = 'angle θ [deg]'
+LINKS = (  # ends, colour and width of the lines of the mechanism
+    ('a1', 'b1', BLUE, 2.4),
+    ('a2', 'b2', BLUE, 2.4),
+    ('b1', 'b2', ORANGE, 4.0),
+    ('a3', 'p', GREY, 1.2),
 )
 
 STYLE = {
@@ -74,13 +84,11 @@ def joints_in_mode(
     geometry: Geometry, pose: Pose, mode: str = MACHINE_MODE
 ) -> dict[str, np.ndarray]:
     """Return the joints by name [m] in a working mode of eqs 7-8."""
-    inside = pose._replace(
-        y=(1.0 - 1e-12) * pose.y
-    )  # the far edge itself is out of reach
-    at = {
-        name: np.array(point)
-        for name, point in joints(geometry, inside)._asdict().items()
-    }
+    # the far edge itself is out of reach
+    inside = pose._replace(y=(1.0 - 1e-12) * pose.y)
+    at = {}
+    for name, point in joints(geometry, inside)._asdict().items():
+        at[name] = np.array(point)
     for side, sign, own in zip('12', mode, MACHINE_MODE, strict=True):
         if sign != own:  # the other root: the carriage beyond its joint
             at[f'a{side}'][0] += 2.0 * (at[f'b{side}'] - at[f'a{side}'])[0]
@@ -98,65 +106,60 @@ def draw_mechanism(
 ) -> None:
     """Draw rail, carriages, links and platform of a pose [mm], with the rail itself at a pose."""
     on_rail = joints_in_mode(geometry, pose, mode)
-    ends = [*geometry.stroke, *(on_rail[name][0] for name in ('a1', 'a2', 'a3'))]
-    on_rail |= {'start': np.array([min(ends), 0.0]), 'end': np.array([max(ends), 0.0])}
-    at = {
-        name: MILLIMETRES * np.array(compose(rail, Pose(x, y, 0.0))[:2])
-        for name, (x, y) in on_rail.items()
-    }
-    axes.plot(
-        *zip(at.pop('start'), at.pop('end'), strict=True),
-        color=PALE,
-        linewidth=5.0,
-        solid_capstyle='butt',
-        zorder=1,
-    )
-    for start, end, colour, width in (
-        ('a1', 'b1', BLUE, 2.4),
-        ('a2', 'b2', BLUE, 2.4),
-        ('b1', 'b2', ORANGE, 4.0),
-        ('a3', 'p', GREY, 1.2),
-    ):
-        axes.plot(
-            *zip(at[start], at[end], strict=True),
-            color=colour,
-            linewidth=width,
-            alpha=alpha,
-            solid_capstyle='round',
-            zorder=2,
-        )
+    carriages = [on_rail[name][0] for name in ('a1', 'a2', 'a3')]
+    ends = [*geometry.stroke, *carriages]
+    start = _placed(rail, (min(ends), 0.0))
+    end = _placed(rail, (max(ends), 0.0))
+    at = {name: _placed(rail, point) for name, point in on_rail.items()}
+
+    style = {'linewidth': 5.0, 'solid_capstyle': 'butt', 'zorder': 1}
+    _draw_line(axes, start, end, PALE, **style)
+    for first, second, colour, width in LINKS:
+        style = {'linewidth': width, 'solid_capstyle': 'round', 'zorder': 2}
+        _draw_line(axes, at[first], at[second], colour, alpha=alpha, **style)
     for name, place in at.items():
-        axes.plot(
-            *place,
-            's' if name.startswith('a') else 'o',
-            color=BLACK,
-            alpha=alpha,
-            markersize=4.5,
-            zorder=3,
-        )
+        marker = 's' if name.startswith('a') else 'o'
+        axes.plot(*place, marker, color=BLACK, alpha=alpha, markersize=4.5, zorder=3)
         if has_names:
-            right, up, alignment = NAMES[name]
-            is_behind_rail = place[1] < 0.0 < up
-            axes.annotate(
-                name.upper(),
-                tuple(place),
-                (right, -12 if is_behind_rail else up),
-                textcoords='offset points',
-                ha=alignment,
-                fontsize=8.0,
-            )
+            _draw_name(axes, name, place)
+
+
+def _placed(rail: Pose, point: Iterable[float]) -> np.ndarray:
+    """Return a point of the rail's frame [m] in that of the drawing [mm]."""
+    x, y = point
+    place = compose(rail, Pose(x, y, 0.0))
+    return MILLIMETRES * np.array(place[:2])
+
+
+def _draw_line(
+    axes: Axes, start: np.ndarray, end: np.ndarray, colour: str, **style: Any
+) -> None:
+    """Draw a line between two points [mm]."""
+    x, y = zip(start, end, strict=True)
+    axes.plot(x, y, color=colour, **style)
+
+
+def _draw_name(axes: Axes, name: str, place: np.ndarray) -> None:
+    """Draw the name of a joint beside its place [mm]."""
+    right, up, alignment = NAMES[name]
+    is_behind_rail = place[1] < 0.0 < up
+    axes.annotate(
+        name.upper(),
+        tuple(place),
+        (right, -12 if is_behind_rail else up),
+        textcoords='offset points',
+        ha=alignment,
+        fontsize=8.0,
+    )
 
 
 def draw_lines_of_force(axes: Axes, geometry: Geometry, pose: Pose) -> None:
     """Draw the lines of both links and the parallel to the rail through P, which meet at N = 0."""
     at = joints_in_mode(geometry, pose)
-    meeting = at['a1'] + pose.y / at['b1'][1] * (at['b1'] - at['a1'])
+    direction = at['b1'] - at['a1']
+    meeting = at['a1'] + pose.y / at['b1'][1] * direction
+    end = meeting * MILLIMETRES
+    style = {'linewidth': 1.0, 'linestyle': '--', 'zorder': 1}
     for name in ('a1', 'a2', 'p'):
-        axes.plot(
-            *zip(at[name] * MILLIMETRES, meeting * MILLIMETRES, strict=True),
-            color=GREEN,
-            linewidth=1.0,
-            linestyle='--',
-            zorder=1,
-        )
-    axes.plot(*(meeting * MILLIMETRES), 'o', color=GREEN, markersize=5.0, zorder=3)
+        _draw_line(axes, at[name] * MILLIMETRES, end, GREEN, **style)
+    axes.plot(*end, 'o', color=GREEN, markersize=5.0, zorder=3)

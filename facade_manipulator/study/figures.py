@@ -30,10 +30,10 @@ from facade_manipulator.study.singularities import (
 from facade_manipulator.study.tables import lengths, Study
 from facade_manipulator.study.workspace import Good, theta_bounds, union_ends
 
-SLICES, ROWS = 27, 70  # of θ and of y in Figure 6
-METRE = Good(
-    0.0, 1.0
-)  # this unit shows weak poses near the rail as well as at the far edge
+SLICES = 27  # of θ in Figure 6
+ROWS = 70  # of y in Figure 6
+# this unit shows weak poses near the rail as well as at the far edge
+METRE = Good(0.0, 1.0)
 EXAMPLE = (0.25, 0.45)  # l and b of Figures 6 and 7 [m]
 MACHINE_GAP = 0.02  # m
 
@@ -41,15 +41,13 @@ MACHINE_GAP = 0.02  # m
 def figure_6(study: Study) -> Figure:
     """Draw the workspace of the example of the paper and of the design."""
     stroke = study.geometry.stroke_length
-    made = drawing.figure(
-        10.0, 4.6, f'Figure 6: workspace over x, y and θ, Q = {stroke * 1e3:g} mm'
-    )
+    title = f'Figure 6: workspace over x, y and θ, Q = {stroke * 1e3:g} mm'
+    made = drawing.figure(10.0, 4.6, title)
     made.set_layout_engine('none')  # it ignores the extent of 3-D axes
     scale = Normalize(0.0, 0.45)
     for left, geometry in ((0.02, design(*EXAMPLE, stroke)), (0.46, study.geometry)):
-        axes = made.add_axes(
-            (left, 0.0, 0.4, 0.93), projection='3d', computed_zorder=False
-        )
+        place = (left, 0.0, 0.4, 0.93)
+        axes = made.add_axes(place, projection='3d', computed_zorder=False)
         _draw_slices(axes, geometry, scale)
         axes.set_title(lengths(geometry), y=0.99)
     made.colorbar(
@@ -63,15 +61,13 @@ def figure_6(study: Study) -> Figure:
 def figure_7(study: Study) -> Figure:
     """Draw the singular configurations: four cases of the paper and the case that it misses."""
     geometry = design(*EXAMPLE, study.geometry.stroke_length)
-    made = drawing.figure(
-        10.0, 5.0, f'Figure 7: singular configurations, {lengths(geometry)}'
-    )
+    title = f'Figure 7: singular configurations, {lengths(geometry)}'
+    made = drawing.figure(10.0, 5.0, title)
     grid = made.subplots(2, 3)
-    for axes, (title, pose) in zip(
-        grid.flat, configurations(geometry).items(), strict=False
-    ):
+    cases = configurations(geometry).items()
+    for axes, (name, pose) in zip(grid.flat, cases, strict=False):
         drawing.draw_mechanism(axes, geometry, pose, has_names=True)
-        plan_view(axes, 580.0, (-170.0, 360.0), title)
+        plan_view(axes, 580.0, (-170.0, 360.0), name)
         axes.label_outer()
     drawing.draw_lines_of_force(axes, geometry, pose)
     _draw_loci(grid.flat[5], geometry)
@@ -80,29 +76,25 @@ def figure_7(study: Study) -> Figure:
 
 def figure_8(study: Study) -> Figure:
     """Draw the section θ = 0 of the cases of Table 2, with the union over θ around it."""
-    stroke, unit = study.geometry.stroke_length, study.good.characteristic_length
-    made = drawing.figure(
-        10.0,
-        4.0,
-        f'Figure 8: workspace of the cases of Table 2, Q = {stroke * 1e3:g} mm',
-    )
+    stroke = study.geometry.stroke_length
+    unit = study.good.characteristic_length
+    title = f'Figure 8: workspace of the cases of Table 2, Q = {stroke * 1e3:g} mm'
+    made = drawing.figure(10.0, 4.0, title)
     grid = made.subplots(2, 3, sharex=True, sharey=True)
-    geometries = [
-        design(case.link_length, case.platform_half_length, stroke) for case in CASES
-    ]
+    geometries = []
+    for case in CASES:
+        geometries.append(design(case.link_length, case.platform_half_length, stroke))
     maps = [_section_map(geometry, unit) for geometry in geometries]
     scale = Normalize(0.0, max(np.nanmax(values) for _, _, values in maps))
+
     for axes, geometry, section in zip(grid.flat, geometries, maps, strict=False):
         axes.pcolormesh(*section, cmap=COLOUR_MAP, norm=scale, rasterized=True)
         _draw_union(axes, geometry)
-        plan_view(
-            axes,
-            540.0 * max(1.0, stroke),
-            (0.0, 380.0),
-            f'{lengths(geometry)}\n'
-            f'good-condition ratio {ratio_on_grid(geometry, study.good):.3f}',
-        )
+        ratio = ratio_on_grid(geometry, study.good)
+        name = f'{lengths(geometry)}\ngood-condition ratio {ratio:.3f}'
+        plan_view(axes, 540.0 * max(1.0, stroke), (0.0, 380.0), name)
         axes.label_outer()
+
     grid[1, 2].axis('off')
     grid[1, 2].legend(
         *axes.get_legend_handles_labels(),
@@ -110,9 +102,8 @@ def figure_8(study: Study) -> Figure:
         fontsize=9.0,
         title='coloured: reached at θ = 0',
     )
-    made.colorbar(
-        ScalarMappable(scale, COLOUR_MAP), ax=grid, label=_index_label(unit), shrink=0.9
-    )
+    colours = ScalarMappable(scale, COLOUR_MAP)
+    made.colorbar(colours, ax=grid, label=_index_label(unit), shrink=0.9)
     return made
 
 
@@ -120,36 +111,23 @@ def figure_9(study: Study) -> Figure:
     """Draw the conditioning index of the design over (x, y) and over (θ, y), in two units."""
     geometry = study.geometry
     made = drawing.figure(10.0, 6.2, study.title('Figure 9: conditioning'))
-    y = np.linspace(1e-6, geometry.link_length, 700)
-    end = 1.05 * np.nanmax(theta_bounds(geometry, y))
-    theta = np.linspace(-end, end, 701)
-    for row, good in zip(
-        made.subplots(2, 2, width_ratios=(1.35, 1.0)), (study.good, METRE), strict=True
-    ):
+    grid = made.subplots(2, 2, width_ratios=(1.35, 1.0))
+    for row, good in zip(grid, (study.good, METRE), strict=True):
         section = _section_map(geometry, good.characteristic_length)
-        at = pose_map(geometry, y[:, None], theta, good.characteristic_length)
-        is_outside = np.isnan(at.lower) | (at.number <= 0.0)
-        turns = (
-            np.degrees(theta),
-            y * MILLIMETRES,
-            np.where(is_outside, np.nan, at.conditioning),
-        )
-        scale = Normalize(0.0, np.nanmax(turns[2]))
+        turns = _turn_map(geometry, good.characteristic_length)
+        _, _, index = turns
+        scale = Normalize(0.0, np.nanmax(index))
+
         row[0].pcolormesh(*section, cmap=COLOUR_MAP, norm=scale, rasterized=True)
         row[0].set_aspect('equal')
         label(row[0], drawing.X_LABEL, drawing.Y_LABEL, 'at θ = 0')
         row[1].pcolormesh(*turns, cmap=COLOUR_MAP, norm=scale, rasterized=True)
+        title = 'at any x'
         if good.threshold > 0.0:
-            row[1].contour(
-                *turns, [good.threshold], colors=drawing.ORANGE, linewidths=1.4
-            )
-        label(
-            row[1],
-            drawing.THETA_LABEL,
-            drawing.Y_LABEL,
-            'at any x'
-            + (f' (orange: 1/k = {good.threshold:g})' if good.threshold else ''),
-        )
+            level = [good.threshold]
+            row[1].contour(*turns, level, colors=drawing.ORANGE, linewidths=1.4)
+            title += f' (orange: 1/k = {good.threshold:g})'
+        label(row[1], drawing.THETA_LABEL, drawing.Y_LABEL, title)
         made.colorbar(
             ScalarMappable(scale, COLOUR_MAP),
             ax=row,
@@ -159,34 +137,47 @@ def figure_9(study: Study) -> Figure:
     return made
 
 
+def _turn_map(
+    geometry: Geometry, characteristic_length: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return θ [deg], y [mm] and the index over them, NaN out of reach or beyond N = 0."""
+    y = np.linspace(1e-6, geometry.link_length, 700)
+    end = 1.05 * np.nanmax(theta_bounds(geometry, y))
+    theta = np.linspace(-end, end, 701)
+    at = pose_map(geometry, y[:, None], theta, characteristic_length)
+    is_outside = np.isnan(at.lower) | (at.number <= 0.0)
+    index = np.where(is_outside, np.nan, at.conditioning)
+    return np.degrees(theta), y * MILLIMETRES, index
+
+
 def figure_11(study: Study) -> Figure:
     """Draw extremes and ranges over the distance from the rail, with and without a gap."""
     made = drawing.figure(10.0, 5.8, study.title('Figure 11: ranges'))
     panels = made.subplot_mosaic([[*'aabbcc'], [*'θθθxxx']], height_ratios=(0.62, 1.0))
-    left, right = panels['θ'], panels['x']
+    left = panels['θ']
+    right = panels['x']
     figures_postures.draw_extremes([panels[letter] for letter in 'abc'], study.geometry)
-    y = np.linspace(1e-6, study.geometry.link_length, 2000)[:-1]
+
+    length = study.geometry.link_length
+    y = np.linspace(1e-6, length, 2000)[:-1]
     machine_gap = study.geometry.carriage_gap or MACHINE_GAP
     for gap, colour, style in (
         (0.0, drawing.BLUE, '-'),
         (machine_gap, drawing.ORANGE, '--'),
     ):
         geometry = replace(study.geometry, carriage_gap=gap)
-        look = {
-            'color': colour,
-            'linestyle': style,
-            'label': f'{gap * MILLIMETRES:.0f} mm between carriages',
-        }
-        left.plot(y * MILLIMETRES, np.degrees(theta_bounds(geometry, y)), **look)
-        right.plot(
-            y * MILLIMETRES, pose_map(geometry, y, 0.0).upper * MILLIMETRES, **look
-        )
+        theta = np.degrees(theta_bounds(geometry, y))
+        x = pose_map(geometry, y, 0.0).upper * MILLIMETRES
+        words = f'{gap * MILLIMETRES:.0f} mm between carriages'
+        look = {'color': colour, 'linestyle': style, 'label': words}
+        left.plot(y * MILLIMETRES, theta, **look)
+        right.plot(y * MILLIMETRES, x, **look)
+
     label(left, drawing.Y_LABEL, 'maximum angle |θ| [deg]', 'd) rotation')
-    label(
-        right, drawing.Y_LABEL, 'maximum |x| at θ = 0 [mm]', 'e) travel along the rail'
-    )
+    travel = 'maximum |x| at θ = 0 [mm]'
+    label(right, drawing.Y_LABEL, travel, 'e) travel along the rail')
     for axes in (left, right):
-        axes.set(xlim=(0.0, study.geometry.link_length * MILLIMETRES), ylim=(0.0, None))
+        axes.set(xlim=(0.0, length * MILLIMETRES), ylim=(0.0, None))
         axes.grid(color=drawing.PALE, linewidth=0.6)
         axes.legend(loc='lower left' if axes is right else 'upper left')
     return made
@@ -205,11 +196,8 @@ def _section_map(
     y = np.linspace(1e-6, geometry.link_length, 601)
     at = pose_map(geometry, y, 0.0, characteristic_length)
     inside = (at.lower[:, None] <= x) & (x <= at.upper[:, None])
-    return (
-        x * MILLIMETRES,
-        y * MILLIMETRES,
-        np.where(inside, at.conditioning[:, None], np.nan),
-    )
+    index = np.where(inside, at.conditioning[:, None], np.nan)
+    return x * MILLIMETRES, y * MILLIMETRES, index
 
 
 def _draw_union(axes: Axes, geometry: Geometry) -> None:
@@ -218,10 +206,15 @@ def _draw_union(axes: Axes, geometry: Geometry) -> None:
     theta = theta_bounds(geometry, y)[:, None] * np.linspace(-1.0, 1.0, 201)
     lower, upper = union_ends(geometry, y[:, None], theta)
     reached = np.isfinite(lower)
-    y, lower, upper = y[reached], lower[reached], upper[reached]
+    y = y[reached]
+    lower = lower[reached]
+    upper = upper[reached]
+    # up along the lower ends, down along the upper ends, and back to the first point
+    along = np.concatenate([lower, upper[::-1], lower[:1]])
+    across = np.concatenate([y, y[::-1], y[:1]])
     axes.plot(
-        MILLIMETRES * np.concatenate([lower, upper[::-1], lower[:1]]),
-        MILLIMETRES * np.concatenate([y, y[::-1], y[:1]]),
+        MILLIMETRES * along,
+        MILLIMETRES * across,
         color=drawing.ORANGE,
         linewidth=1.2,
         label='outline: reached at any angle θ',
@@ -231,17 +224,13 @@ def _draw_union(axes: Axes, geometry: Geometry) -> None:
 def _draw_loci(axes: Axes, geometry: Geometry) -> None:
     """Draw the loci of both determinants over (θ, y)."""
     theta = np.radians(np.linspace(-34.0, 34.0, 681))
+    angle = np.degrees(theta)
+    serial = serial_curve(geometry, theta) * MILLIMETRES
+    axes.plot(angle, serial, color=drawing.BLUE, label='det A = 0')
     lower, upper = parallel_curves(geometry, theta)
-    axes.plot(
-        np.degrees(theta),
-        serial_curve(geometry, theta) * MILLIMETRES,
-        color=drawing.BLUE,
-        label='det A = 0',
-    )
-    axes.plot(
-        np.degrees(theta), lower * MILLIMETRES, color=drawing.ORANGE, label='det B = 0'
-    )
-    axes.plot(np.degrees(theta), upper * MILLIMETRES, color=drawing.ORANGE)
+    colour = drawing.ORANGE
+    axes.plot(angle, lower * MILLIMETRES, color=colour, label='det B = 0')
+    axes.plot(angle, upper * MILLIMETRES, color=colour)
     axes.annotate('N > 0', (0.0, 130.0), ha='center')
     axes.annotate('N < 0', (20.0, 20.0), ha='center')
     axes.set_ylim(bottom=0.0)
@@ -253,37 +242,35 @@ def _draw_slices(axes: Any, geometry: Geometry, scale: Normalize) -> None:
     """Draw the slices of a workspace at several angles, coloured by their conditioning index."""
     y = np.linspace(1e-6, geometry.link_length, ROWS)[:, None]
     end = np.nanmax(theta_bounds(geometry, y))
-    for theta in np.linspace(
-        -end, end, SLICES
-    ):  # upwards, so that each covers the lower ones
+    # upwards, so that each covers the lower ones
+    for theta in np.linspace(-end, end, SLICES):
         at = pose_map(geometry, y, theta, METRE.characteristic_length)
         colours = ScalarMappable(scale, COLOUR_MAP).to_rgba(at.conditioning, alpha=0.85)
         colours[at.number <= 0.0] = to_rgba(drawing.GREY, 0.2)
         x = np.hstack([at.lower, at.upper])
+        height = np.full_like(x, np.degrees(theta))
+        across = np.broadcast_to(y, x.shape)
         axes.plot_surface(
             x * MILLIMETRES,
-            np.broadcast_to(y, x.shape) * MILLIMETRES,
-            np.full_like(x, np.degrees(theta)),
+            across * MILLIMETRES,
+            height,
             facecolors=np.repeat(colours, 2, axis=1),
             shade=False,
             rcount=ROWS,
             antialiased=False,
         )
-    reach, turn = 0.5 * geometry.stroke_length * MILLIMETRES, np.degrees(end)
-    axes.set(
-        xlim=(-reach, reach),
-        ylim=(0.0, geometry.link_length * MILLIMETRES),
-        zlim=(-turn, turn),
-        xlabel='x [mm]',
-        ylabel='y [mm]',
-    )
+
+    reach = 0.5 * geometry.stroke_length * MILLIMETRES
+    far = geometry.link_length * MILLIMETRES
+    turn = np.degrees(end)
+    axes.set(xlim=(-reach, reach), ylim=(0.0, far), zlim=(-turn, turn))
+    axes.set(xlabel='x [mm]', ylabel='y [mm]')
     axes.zaxis.set_rotate_label(False)
     axes.set_zlabel('θ [deg]', rotation=90.0)
     for axis, count in (('x', 5), ('y', 4), ('z', 6)):
         axes.locator_params(axis=axis, nbins=count)
-    axes.view_init(
-        elev=24.0, azim=52.0
-    )  # seen from the façade: poses beyond N = 0 are behind
+    # seen from the façade: poses beyond N = 0 are behind
+    axes.view_init(elev=24.0, azim=52.0)
     axes.set_box_aspect((1.3, 1.0, 0.9), zoom=0.9)
 
 

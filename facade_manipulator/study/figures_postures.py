@@ -39,26 +39,21 @@ def figure_3(study: Study) -> Figure:
     turned, far, aside = extremes(study.geometry)
     rest = Pose(0.0, turned.y, 0.0)
     reach = PART * float(np.nan_to_num(pose_map(study.geometry, rest.y, 0.0).upper[0]))
-    for axes, title, moves in zip(
-        made.subplots(1, 3, sharey=True),
-        (
-            'along x: all carriages move together',
-            'along y: A1 and A2 move apart or together',
-            'about z: A1 and A2 move the same way',
-        ),
-        (
-            [rest._replace(x=sign * reach) for sign in (-1.0, 1.0)],
-            [
-                rest._replace(y=(1.0 - PART) * rest.y + PART * y)
-                for y in (aside.y, far.y)
-            ],
-            [rest._replace(theta=sign * PART * turned.theta) for sign in (-1.0, 1.0)],
-        ),
-        strict=True,
-    ):
-        _draw_postures(
-            axes, study.geometry, rest, *moves, has_names=title.startswith('about')
-        )
+    turn = PART * turned.theta
+    along = [rest._replace(x=-reach), rest._replace(x=reach)]
+    across = []
+    for y in (aside.y, far.y):
+        across.append(rest._replace(y=(1.0 - PART) * rest.y + PART * y))
+    about = [rest._replace(theta=-turn), rest._replace(theta=turn)]
+
+    grid = made.subplots(1, 3, sharey=True)
+    motions = (
+        ('along x: all carriages move together', along, False),
+        ('along y: A1 and A2 move apart or together', across, False),
+        ('about z: A1 and A2 move the same way', about, True),
+    )
+    for axes, (title, moves, has_names) in zip(grid, motions, strict=True):
+        _draw_postures(axes, study.geometry, rest, *moves, has_names=has_names)
         plan_view(axes, 680.0, (-190.0, 370.0), title)
         axes.label_outer()
     return made
@@ -74,27 +69,21 @@ def figure_5(study: Study) -> Figure:
         draw_mechanism(axes, study.geometry, pose, mode, has_names=True)
         at = drawing.joints_in_mode(study.geometry, pose, mode)
         room = MILLIMETRES * np.ptp([at[name][0] for name in ('a1', 'a2', 'a3')])
-        plan_view(
-            axes,
-            750.0,
-            (-160.0, 370.0),
-            f'{letter}) “{mode.replace("-", "−")}”: the '
-            f'carriages take {room:.0f} mm of the rail',
-        )
+        signs = mode.replace('-', '−')
+        title = f'{letter}) “{signs}”: the carriages take {room:.0f} mm of the rail'
+        plan_view(axes, 750.0, (-160.0, 370.0), title)
         axes.label_outer()
     return made
 
 
 def figure_12(study: Study) -> Figure:
     """Draw the compensation: the head stays in place on the wall while the rail is displaced."""
-    made = drawing.figure(
-        10.0, 2.6, 'Figures 2 and 12: with and without (pale) compensation'
-    )
+    title = 'Figures 2 and 12: with and without (pale) compensation'
+    made = drawing.figure(10.0, 2.6, title)
     home = kinematics.forward_kinematics(study.geometry, HOME)
     wall = home.y * MILLIMETRES + HEAD_TO_WALL
-    for axes, (title, rail) in zip(
-        made.subplots(1, 3, sharey=True), SWAY.items(), strict=True
-    ):
+    grid = made.subplots(1, 3, sharey=True)
+    for axes, (title, rail) in zip(grid, SWAY.items(), strict=True):
         draw_mechanism(axes, study.geometry, home, alpha=GHOST, rail=rail)
         draw_mechanism(axes, study.geometry, kinematics.relative(rail, home), rail=rail)
         axes.axhspan(wall, wall + 60.0, color=drawing.GREY, linewidth=0.0)
@@ -113,35 +102,47 @@ def figure_12(study: Study) -> Figure:
 def draw_extremes(grid: list[Axes], geometry: Geometry) -> None:
     """Draw the maximum rotation and displacements of the head, in front of the opposites."""
     turned, far, aside = extremes(geometry)
-    for axes, title, pose, opposite in zip(
-        grid,
+    angle = degrees(turned.theta)
+    panels = (
         (
-            f'a) θ = {degrees(turned.theta):.1f}° at y = {turned.y * MILLIMETRES:.0f} mm',
-            f'b) y = {far.y * MILLIMETRES:.0f} mm',
-            f'c) x = {aside.x * MILLIMETRES:.0f} mm at y = {aside.y * MILLIMETRES:.0f} mm',
-        ),
-        (turned, far, aside),
-        (
+            f'a) θ = {angle:.1f}° at y = {turned.y * MILLIMETRES:.0f} mm',
+            turned,
             turned._replace(theta=-turned.theta),
+        ),
+        (
+            f'b) y = {far.y * MILLIMETRES:.0f} mm',
+            far,
             far._replace(y=aside.y),
+        ),
+        (
+            f'c) x = {aside.x * MILLIMETRES:.0f} mm at y = {aside.y * MILLIMETRES:.0f} mm',
+            aside,
             aside._replace(x=-aside.x),
         ),
-        strict=True,
-    ):
+    )
+    for axes, (title, pose, opposite) in zip(grid, panels, strict=True):
         _draw_postures(axes, geometry, pose, opposite, has_names=True)
         plan_view(axes, 980.0, (-310.0, 500.0), title)
 
 
 def extremes(geometry: Geometry) -> tuple[Pose, Pose, Pose]:
     """Return the poses with the maximum θ, and at θ = 0 with the maximum y and x [m, m, rad]."""
-    y_turned, theta = theta_peak(geometry)
+    y_turned, theta_max = theta_peak(geometry)
     lower, upper = section_bounds(geometry)
-    poses = [(y_turned, theta * INSIDE), (upper * INSIDE, 0.0), (lower / INSIDE, 0.0)]
-    ends = [pose_map(geometry, y, theta) for y, theta in poses]
-    x = [float(np.clip(0.0, at.lower[0], at.upper[0])) for at in ends]
-    x[2] = float(ends[2].upper[0])  # the x-interval is widest nearest to the rail
-    turned, far, aside = (Pose(at, *pose) for at, pose in zip(x, poses, strict=True))
+    theta = theta_max * INSIDE
+    turned = Pose(_nearest_x(geometry, y_turned, theta), y_turned, theta)
+    far_y = upper * INSIDE
+    far = Pose(_nearest_x(geometry, far_y, 0.0), far_y, 0.0)
+    # the x-interval is widest nearest to the rail
+    near_y = lower / INSIDE
+    aside = Pose(float(pose_map(geometry, near_y, 0.0).upper[0]), near_y, 0.0)
     return turned, far, aside
+
+
+def _nearest_x(geometry: Geometry, y: float, theta: float) -> float:
+    """Return the reachable x that is the nearest to 0 [m]."""
+    at = pose_map(geometry, y, theta)
+    return float(np.clip(0.0, at.lower[0], at.upper[0]))
 
 
 def _draw_postures(

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from ctypes import CDLL
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from multiprocessing import active_children
 import os
 import signal
@@ -47,12 +48,8 @@ class Merit(NamedTuple):
     beyond_share: float
 
 
-OBJECTIVES = {
-    'area': 'm2',
-    'good_area': 'm2',
-    'volume': 'm2 rad',
-    'ratio': '',
-}  # their units
+# with their units
+OBJECTIVES = {'area': 'm2', 'good_area': 'm2', 'volume': 'm2 rad', 'ratio': ''}
 
 
 def designs(length_sum: float = LENGTH_SUM, step: float = STEP) -> list[Lengths]:
@@ -61,14 +58,16 @@ def designs(length_sum: float = LENGTH_SUM, step: float = STEP) -> list[Lengths]
 
     Raises a ParameterError if Table 1 has no design with this sum.
     """
-    link, platform = (
-        np.round(np.arange(lower, upper + ROUNDING, step), 9).tolist()
-        for lower, upper in (LINK_RANGE, PLATFORM_RANGE)
-    )
+    links = _steps(LINK_RANGE, step)
     if not length_sum:
-        return [(length, half) for length in link for half in platform]
-    line = [(length, round(length_sum - length, 9)) for length in link]
-    line = [one for one in line if PLATFORM_RANGE[0] <= one[1] <= PLATFORM_RANGE[1]]
+        return list(product(links, _steps(PLATFORM_RANGE, step)))
+
+    lower, upper = PLATFORM_RANGE
+    line = []
+    for length in links:
+        half = round(length_sum - length, 9)
+        if lower <= half <= upper:
+            line.append((length, half))
     if not line:
         raise ParameterError(
             f'--sum rejected: l + b = {length_sum:g} m is outside Table 1; next: set --sum '
@@ -77,18 +76,29 @@ def designs(length_sum: float = LENGTH_SUM, step: float = STEP) -> list[Lengths]
     return line
 
 
+def _steps(ends: tuple[float, float], step: float) -> list[float]:
+    """Return the lengths from the first to the last in steps [m]."""
+    lower, upper = ends
+    lengths: list[float] = np.round(
+        np.arange(lower, upper + ROUNDING, step), 9
+    ).tolist()
+    return lengths
+
+
 def evaluate(lengths: Lengths, like: Geometry, good: Good) -> Merit:
     """Return the merits of a design on the rail of another design; a worker process calls it."""
-    geometry = replace(like, link_length=lengths[0], platform_half_length=lengths[1])
+    length, half = lengths
+    geometry = replace(like, link_length=length, platform_half_length=half)
     volume, *shares = measure(geometry, good, CELLS)
     ratio, beyond_share = np.nan_to_num(shares).tolist()
     return Merit(
-        *lengths,
-        section_area(geometry),
-        section_area(geometry, good),
-        volume * (1.0 - beyond_share),
-        ratio,
-        beyond_share,
+        link_length=length,
+        platform_half_length=half,
+        area=section_area(geometry),
+        good_area=section_area(geometry, good),
+        volume=volume * (1.0 - beyond_share),
+        ratio=ratio,
+        beyond_share=beyond_share,
     )
 
 
@@ -112,22 +122,19 @@ def best(merits: list[Merit], objectives: Iterable[str]) -> list[dict[str, Any]]
 
     A workspace with l ≥ b has no pose beyond N = 0.
     """
-    regular = [
-        one for one in merits if one.link_length >= one.platform_half_length - ROUNDING
-    ]
+    regular = []
+    for merit in merits:
+        if merit.link_length >= merit.platform_half_length - ROUNDING:
+            regular.append(merit)
+
     found = []
     for name, among in (('l >= b', regular), ('all', merits)):
-        for objective in objectives if among else ():
-            value, merit = max((getattr(merit, objective), merit) for merit in among)
-            found.append(
-                {
-                    'objective': objective,
-                    'designs': name,
-                    'count': len(among),
-                    'value': value,
-                }
-                | merit._asdict()
-            )
+        if not among:
+            continue
+        for objective in objectives:
+            value, merit = max((getattr(one, objective), one) for one in among)
+            row = {'objective': objective, 'designs': name, 'count': len(among)}
+            found.append(row | {'value': value} | merit._asdict())
     return found
 
 

@@ -26,12 +26,13 @@ from facade_manipulator.study.workspace import (
     union_area,
 )
 
-LINK_RANGE, PLATFORM_RANGE = (0.150, 0.400), (0.300, 0.550)  # Table 1: l and b [m]
+LINK_RANGE = (0.150, 0.400)  # Table 1: l and b [m]
+PLATFORM_RANGE = (0.300, 0.550)
 LENGTH_SUM = 0.7  # m: l + b of every case of the paper, which does not state it
-STROKE_LENGTH = (
-    1.005  # m: the ratios round to those of the paper; 1.0 moves them by 0.001
-)
-STEP, TURN = 0.001, float(np.radians(1.0))  # the grid of y [m] and θ [rad]
+# m: the ratios round to those of the paper; 1.0 moves them by 0.001
+STROKE_LENGTH = 1.005
+STEP = 0.001  # m, of the grid of y
+TURN = float(np.radians(1.0))  # of the grid of θ
 
 
 class Case(NamedTuple):
@@ -57,20 +58,21 @@ def design(
     length: float, half: float, stroke_length: float = STROKE_LENGTH, gap: float = 0.0
 ) -> Geometry:
     """Return a design with its stroke about zero, by default with carriages of width 0 [m]."""
-    return Geometry(length, half, (-0.5 * stroke_length, 0.5 * stroke_length), gap)
+    stroke = (-0.5 * stroke_length, 0.5 * stroke_length)
+    return Geometry(length, half, stroke, gap)
 
 
 def ratio_on_grid(geometry: Geometry, good: Good = PAPER_GOOD) -> float:
     """Return the good share of the workspace on the grid of the paper; NaN if it is empty."""
     # Rounded, so that 352 times 0.001 is exactly the length of the link, 0.352.
     y = np.round(np.arange(STEP, geometry.link_length + 1e-9, STEP), 12)[:, None]
-    at = pose_map(geometry, y, TURN * np.arange(-90, 91), good.characteristic_length)
+    theta = TURN * np.arange(-90, 91)
+    at = pose_map(geometry, y, theta, good.characteristic_length)
     total = at.width.sum()
-    return (
-        float(at.width[at.conditioning >= good.threshold].sum() / total)
-        if total
-        else np.nan
-    )
+    if not total:
+        return np.nan
+    is_good = at.conditioning >= good.threshold
+    return float(at.width[is_good].sum() / total)
 
 
 def table2(stroke_length: float = STROKE_LENGTH) -> list[dict[str, Any]]:
@@ -78,17 +80,17 @@ def table2(stroke_length: float = STROKE_LENGTH) -> list[dict[str, Any]]:
     rows = []
     for length, half, *printed in CASES:
         geometry = design(length, half, stroke_length)
-        ratio, section = ratio_on_grid(geometry), section_area(geometry)
-        rows.append(
-            {
-                'l': length,
-                'b': half,
-                'ratio': ratio,
-                'area_section': section,
-                'good_area_section': ratio
-                * section,  # the paper multiplies its area by its ratio
-                'area_union': union_area(geometry),
-                'paper': dict(zip(Case._fields[2:], printed, strict=True)),
-            }
-        )
+        ratio = ratio_on_grid(geometry)
+        section = section_area(geometry)
+        row = {
+            'l': length,
+            'b': half,
+            'ratio': ratio,
+            'area_section': section,
+            # the paper multiplies its area by its ratio
+            'good_area_section': ratio * section,
+            'area_union': union_area(geometry),
+            'paper': dict(zip(Case._fields[2:], printed, strict=True)),
+        }
+        rows.append(row)
     return rows

@@ -39,12 +39,17 @@ def parallel_curves(
     edge = np.where(np.cos(theta) > 0.0, serial_curve(geometry, theta), np.nan)
     y = edge * np.linspace(0.0, 1.0, SAMPLES + 1)[:, None]
     numbers = number_at(geometry, y, theta)
+
+    # the sample with the greatest N is between both curves
     highest = np.argmax(np.nan_to_num(numbers, nan=-np.inf), axis=0)[None]
     top = np.take_along_axis(y, highest, axis=0)[0]
     is_regular = np.take_along_axis(numbers, highest, axis=0)[0] > 0.0
 
+    def number(at: np.ndarray) -> np.ndarray:
+        return number_at(geometry, at, theta)
+
     def root(end: int) -> np.ndarray:
-        found = bisect(lambda at: number_at(geometry, at, theta), y[end], top)
+        found = bisect(number, y[end], top)
         return np.where(is_regular & (numbers[end] < 0.0), found, np.nan)
 
     return root(0), root(-1)
@@ -52,16 +57,22 @@ def parallel_curves(
 
 def configurations(geometry: Geometry) -> dict[str, Pose]:
     """Return the cases of Figure 7 for l < b, and the singularity that the paper misses."""
-    length, half = geometry.link_length, geometry.platform_half_length
-    in_line, turned = radians(15.0), radians(16.0)
+    length = geometry.link_length
+    half = geometry.platform_half_length
+    in_line = radians(15.0)
+    turned = radians(16.0)
     y_in_line = (half - length) * sin(in_line)
     (y_singular,), _ = parallel_curves(geometry, np.array([turned]))
+
+    folded = Pose(0.0, 0.0, 0.0)
+    left = Pose(0.0, y_in_line, in_line)
+    stretched = Pose(0.0, length, 0.0)
+    right = Pose(0.0, y_in_line, -in_line)
+    meeting = Pose(0.0, float(y_singular), turned)
     return {
-        'a) folded\ndet B = 0, only for l < b': Pose(0.0, 0.0, 0.0),
-        'b) left link in line\nregular, beyond N = 0': Pose(0.0, y_in_line, in_line),
-        'c) stretched\ndet A = 0, the far edge': Pose(0.0, length, 0.0),
-        'd) right link in line\nregular, beyond N = 0': Pose(0.0, y_in_line, -in_line),
-        'e) lines of force meet\ndet B = 0, not in the paper': Pose(
-            0.0, float(y_singular), turned
-        ),
+        'a) folded\ndet B = 0, only for l < b': folded,
+        'b) left link in line\nregular, beyond N = 0': left,
+        'c) stretched\ndet A = 0, the far edge': stretched,
+        'd) right link in line\nregular, beyond N = 0': right,
+        'e) lines of force meet\ndet B = 0, not in the paper': meeting,
     }

@@ -21,7 +21,8 @@ from facade_manipulator.kinematics import Geometry, maps
 from facade_manipulator.kinematics.maps import number_at
 
 CELLS = 256  # of y and of θ: the ratio is exact to 1e-4, the volume to 3e-5
-UNION_Y, UNION_THETA = 400, 257
+UNION_Y = 400  # of y, and of θ, for the union
+UNION_THETA = 257
 SEARCH = 2001  # samples of y for the peak of θ, then of ever shorter ranges about it
 INSIDE = 1.0 - 1e-12  # of a bound, where rounding must not lead beyond it
 BISECTIONS = 60  # iterations from any interval to the resolution of a double
@@ -47,10 +48,8 @@ class Workspace(NamedTuple):
 
 def y_range(geometry: Geometry) -> tuple[float, float]:
     """Return the minimum and maximum y at θ = 0 on a rail of any length [m]."""
-    length, room = (
-        geometry.link_length,
-        geometry.platform_half_length - geometry.carriage_gap,
-    )
+    length = geometry.link_length
+    room = geometry.platform_half_length - geometry.carriage_gap
     return sqrt(max(0.0, length * length - room * room)), length
 
 
@@ -60,9 +59,11 @@ def theta_limits(geometry: Geometry, y: np.ndarray) -> np.ndarray:
     regular = number_at(geometry, y, bound) > 0.0
     # N > 0 for every θ at which no joint of the platform is behind the rail.
     inside = np.arcsin(np.minimum(1.0, y / geometry.platform_half_length))
-    root = bisect(
-        lambda theta: number_at(geometry, y, theta), bound, np.minimum(bound, inside)
-    )
+
+    def number(theta: np.ndarray) -> np.ndarray:
+        return number_at(geometry, y, theta)
+
+    root = bisect(number, bound, np.minimum(bound, inside))
     return np.where(regular, bound, root)
 
 
@@ -84,16 +85,18 @@ def _theta_intervals(geometry: Geometry, y: np.ndarray) -> list[list[np.ndarray]
     The order requires sin(θ + φ) ≤ h/r, so θ has an upper bound or, beyond N = 0, a lower bound.
     The second interval exists only with a gap and links shorter than b, and only where h < r.
     """
-    length, half, gap = (
-        geometry.link_length,
-        geometry.platform_half_length,
-        geometry.carriage_gap,
-    )
-    radius, phase = np.hypot(y, gap), np.arctan2(gap, y)
+    length = geometry.link_length
+    half = geometry.platform_half_length
+    gap = geometry.carriage_gap
+
+    # the end by reach, and by the gap
+    reach = np.arcsin(np.clip((length - y) / half, -1.0, 1.0))
+    end = np.minimum(reach, np.arccos(gap / half))
+
+    # r, φ and h of the order
+    radius = np.hypot(y, gap)
+    phase = np.arctan2(gap, y)
     height = (y * y + half * half + gap * gap - length * length) / (2.0 * half)
-    end = np.minimum(
-        np.arcsin(np.clip((length - y) / half, -1.0, 1.0)), np.arccos(gap / half)
-    )
     limit = np.arcsin(np.clip(height / radius, -1.0, 1.0))
     order = np.where(height < radius, limit - phase, np.pi)
     beyond = np.maximum(order, np.pi - limit - phase)
@@ -106,8 +109,10 @@ def theta_peak(geometry: Geometry) -> tuple[float, float]:
     for _ in range(4):
         theta = theta_limits(geometry, y)
         best = int(np.argmax(theta))
-        peak = float(y[best]), float(theta[best])
-        y = np.linspace(y[max(best - 1, 0)], y[min(best + 1, len(y) - 1)], SEARCH)
+        peak = (float(y[best]), float(theta[best]))
+        before = max(best - 1, 0)
+        after = min(best + 1, len(y) - 1)
+        y = np.linspace(y[before], y[after], SEARCH)
     return peak
 
 
@@ -131,14 +136,20 @@ def section_bounds(geometry: Geometry, good: Good | None = None) -> tuple[float,
         roots = _good_roots(half / good.characteristic_length, good.threshold)
         if roots is None:
             return lower, lower
-        at = [length * sqrt(root / (1.0 + root)) for root in roots]
-        lower, upper = max(lower, at[0]), min(upper, at[1])
+        first, last = (length * sqrt(root / (1.0 + root)) for root in roots)
+        lower = max(lower, first)
+        upper = min(upper, last)
     return lower, max(lower, upper)
 
 
 def _good_roots(ratio: float, threshold: float) -> tuple[float, float] | None:
-    """Return the τ at which the index reaches the threshold; None if no τ has this index."""
-    beta2, square = ratio * ratio, threshold * threshold
+    """
+    Return the τ at which the index reaches the threshold; None if no τ has this index.
+
+    They are the roots of a τ² + b τ + c.
+    """
+    beta2 = ratio * ratio
+    square = threshold * threshold
     k = 1.0 + beta2
     a = 8.0 * k * beta2 * square
     b = square * (12.0 * beta2 + 4.0 * k * k + 8.0 * k) - 36.0 * beta2
@@ -156,18 +167,13 @@ def section_area(geometry: Geometry, good: Good | None = None) -> float:
     length = geometry.link_length
 
     def segment(y: float) -> float:
+        """Return the integral of 2 √(l² − y²) from 0 to y."""
         ratio = y / length
-        return (
-            length
-            * length
-            * float(ratio * sqrt(1.0 - ratio * ratio) + np.arcsin(ratio))
-        )
+        angle = ratio * sqrt(1.0 - ratio * ratio) + np.arcsin(ratio)
+        return length * length * float(angle)
 
-    return (
-        (geometry.stroke_length - 2.0 * geometry.platform_half_length) * (upper - lower)
-        + segment(upper)
-        - segment(lower)
-    )
+    width = geometry.stroke_length - 2.0 * geometry.platform_half_length
+    return width * (upper - lower) + segment(upper) - segment(lower)
 
 
 def measure(
@@ -179,32 +185,33 @@ def measure(
     An index or N that passes its bound within a cell of θ divides this cell in proportion.
     """
     angle = np.linspace(0.0, 0.5 * np.pi, cells + 1)
-    sums = np.zeros(3)
+    sums = np.zeros(3)  # volume, good and beyond
     for piece, least in enumerate((y_range(geometry)[0], 0.0)):
         y, weight = _nodes(least, geometry.link_length, cells)
-        lower, upper = (
-            INSIDE * end[:, None] for end in _theta_intervals(geometry, y)[piece]
-        )
+        lower, upper = _theta_intervals(geometry, y)[piece]
+        lower = INSIDE * lower[:, None]
+        upper = INSIDE * upper[:, None]
         span = np.maximum(0.0, upper - lower)
         if not span.any():
             continue
-        at = maps.pose_map(
-            geometry,
-            y[:, None],
-            lower + span * np.sin(angle) ** 2,
-            good.characteristic_length,
-        )
+
+        # volumes of the cells; θ = lower + span sin²
+        theta = lower + span * np.sin(angle) ** 2
+        length = good.characteristic_length
+        at = maps.pose_map(geometry, y[:, None], theta, length)
         density = at.width * span * np.sin(2.0 * angle)
         volumes = 0.5 * (density[:, 1:] + density[:, :-1]) * angle[1]
+
         # With the sign of N the index is smooth where it vanishes: cells divide rightly there.
         index = np.copysign(at.conditioning, at.number)
-        is_good = _share_above(index - good.threshold) + _share_above(
-            -good.threshold - index
-        )
-        shares = np.ones_like(volumes), is_good, _share_above(-at.number)
-        sums += [2.0 * weight @ (volumes * share).sum(axis=1) for share in shares]
+        is_good = _share_above(index - good.threshold)
+        is_good = is_good + _share_above(-good.threshold - index)
+        is_beyond = _share_above(-at.number)
+        for number, share in enumerate((np.ones_like(volumes), is_good, is_beyond)):
+            sums[number] += 2.0 * weight @ (volumes * share).sum(axis=1)
     with np.errstate(invalid='ignore'):
-        return Workspace(float(sums[0]), *(sums[1:] / sums[0]).tolist())
+        ratio, beyond_share = (sums[1:] / sums[0]).tolist()
+    return Workspace(float(sums[0]), ratio, beyond_share)
 
 
 def _share_above(values: np.ndarray) -> np.ndarray:
@@ -212,7 +219,8 @@ def _share_above(values: np.ndarray) -> np.ndarray:
     high = np.maximum(values[:, :-1], values[:, 1:])
     low = np.minimum(values[:, :-1], values[:, 1:])
     with np.errstate(invalid='ignore', divide='ignore'):
-        return np.clip(np.where(high > low, high / (high - low), high > 0.0), 0.0, 1.0)
+        share = np.where(high > low, high / (high - low), high > 0.0)
+    return np.clip(share, 0.0, 1.0)
 
 
 def union_area(geometry: Geometry) -> float:
@@ -227,9 +235,8 @@ def union_area(geometry: Geometry) -> float:
     lower, upper = union_ends(geometry, y[:, None], theta)
     mirrored_lower, mirrored_upper = union_ends(geometry, y[:, None], -theta)
     overlap = np.minimum(upper, mirrored_upper) - np.maximum(lower, mirrored_lower)
-    width = (
-        (upper - lower) + (mirrored_upper - mirrored_lower) - np.maximum(0.0, overlap)
-    )
+    both = (upper - lower) + (mirrored_upper - mirrored_lower)
+    width = both - np.maximum(0.0, overlap)
     return float(np.nan_to_num(width) @ weight)
 
 
