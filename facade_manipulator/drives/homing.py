@@ -29,8 +29,36 @@ HOME_NOISE = 0.001  # m, where it looks for a switch or a stop
 METHODS_AT_PRESENT_POSITION = frozenset({35, 37})
 
 
+class HomingBounds:
+    """Bounds of the homing of one axis; the period is that of the cycle [s]."""
+
+    def __init__(self, axis: AxisSettings, period: float) -> None:
+        #: whether the carriage looks for a switch or a stop
+        self.has_motion = axis.homing_method not in METHODS_AT_PRESENT_POSITION
+        self.home = axis.to_counts(axis.home_position)  #: home position [counts]
+        #: largest distance from the home position after a success [counts]
+        self.tolerance = HOME_TOLERANCE
+        if self.has_motion:
+            speed = axis.homing_zero_share * axis.homing_speed
+            braking = speed * period + speed**2 / (2.0 * axis.homing_acceleration)
+            self.tolerance = abs(axis.to_counts(HOME_NOISE + braking))
+        #: largest change of the position of a carriage at rest in one cycle [counts]
+        self.most_at_rest = max(
+            HOME_TOLERANCE, abs(axis.to_counts(REST_SPEED * period))
+        )
+        stroke = axis.upper_limit - axis.lower_limit
+        self.timeout = axis.homing_strokes * stroke / axis.homing_speed  #: [s]
+        self.most_cycles = self.timeout / period
+        #: cycles at home after which a success counts that was not seen clear
+        self.steady_cycles = ceil(STEADY_TIME / period)
+
+
 class Homing:
-    """Homing of one axis; axes of one rank home together, lower ranks first."""
+    """
+    Homing of one axis; axes of one rank home together, lower ranks first.
+
+    The group calls `watch` while other ranks home, and then `advance` in each cycle.
+    """
 
     def __init__(
         self,
@@ -43,28 +71,17 @@ class Homing:
         self.is_homed = False
         self._name = name
         self._axis = axis
-        self._has_motion = axis.homing_method not in METHODS_AT_PRESENT_POSITION
-        self._tolerance = HOME_TOLERANCE
-        if self._has_motion:
-            speed = axis.homing_zero_share * axis.homing_speed
-            braking = speed * period + speed**2 / (2.0 * axis.homing_acceleration)
-            self._tolerance = abs(axis.to_counts(HOME_NOISE + braking))
-        stroke = axis.upper_limit - axis.lower_limit
-        self._timeout = axis.homing_strokes * stroke / axis.homing_speed
-        self._most_cycles = self._timeout / period
-        self._steady_cycles = ceil(STEADY_TIME / period)
-        self._cycles = 0
-        self._cycles_elsewhere = 0  # with success at another position
+        self._bounds = HomingBounds(axis, period)
         # without bit 10 the drive is at its home position once its counts no longer change
-        self._success = _SUCCESS if needs_bit_10 else Status.HOMING_ATTAINED
         self._needs_bit_10 = needs_bit_10
-        self._counts = 0
-        self._cycles_at_rest = 0  # in a row
-        self._most_at_rest = max(
-            HOME_TOLERANCE, abs(axis.to_counts(REST_SPEED * period))
-        )
         self._seen_clear = False
-        self._cycles_at_home = 0  # in a row, with success
+        self._counts = 0  # of the previous cycle
+        # numbers of cycles: since the start, in a row at rest, in a row with success at home, and
+        # with success at another position
+        self._cycles = 0
+        self._cycles_at_rest = 0
+        self._cycles_at_home = 0
+        self._cycles_elsewhere = 0
 
     def watch(self, statusword: int) -> None:
         """Record before the start whether the success of an earlier homing is still shown."""
@@ -77,38 +94,55 @@ class Homing:
         The reason is ``''`` for no failure. The reasons are a homing error of the drive, success
         at a position other than the home position, and a timeout.
         """
+        bounds = self._bounds
+        self._count_rest(counts)
         self._cycles += 1
-        is_still = abs(counts - self._counts) <= self._most_at_rest
-        self._counts = counts
-        self._cycles_at_rest = self._cycles_at_rest + 1 if is_still else 0
-        is_at_rest = self._needs_bit_10 or self._cycles_at_rest >= SETTLING_CYCLES
         self._seen_clear = self._seen_clear or not statusword & Status.HOMING_ATTAINED
-        away = counts - self._axis.to_counts(self._axis.home_position)
-        is_there = abs(away) <= self._tolerance
-        has_settled = self._cycles > SETTLING_CYCLES
-        outcome = statusword & (self._success | Status.HOMING_ERROR)
-        is_success = outcome == self._success and is_at_rest
+        away = counts - bounds.home
+        is_there = abs(away) <= bounds.tolerance
+        is_success = self._shows_success(statusword)
         is_exact = is_success and abs(away) <= HOME_TOLERANCE
         self._cycles_at_home = self._cycles_at_home + 1 if is_exact else 0
-        if self._has_motion:
-            is_at_home = self._cycles_at_home > self._steady_cycles
-        else:
-            is_at_home = is_there and has_settled
-        if is_success and (self._seen_clear or is_at_home):
-            self.is_homed = is_there
-            self._cycles_elsewhere += 1
-            if is_there or self._cycles_elsewhere <= SETTLING_CYCLES:
-                return ''
-            return (
-                f'{self._name}: homing ended {self._axis.to_metres(away):+.4g} m from the '
-                'configured home_position: check the homing method; where it is twice '
-                'home_position, the drive takes 607Ch with the other sign (home_offset in its '
-                'profile)'
-            )
-        if statusword & Status.HOMING_ERROR and has_settled:
+
+        is_at_home = is_there and self._has_settled
+        if bounds.has_motion:
+            is_at_home = self._cycles_at_home > bounds.steady_cycles
+        if not is_success or not (self._seen_clear or is_at_home):
+            return self._failure(statusword)
+        self.is_homed = is_there
+        self._cycles_elsewhere += 1
+        if is_there or self._cycles_elsewhere <= SETTLING_CYCLES:
+            return ''
+        return (
+            f'{self._name}: homing ended {self._axis.to_metres(away):+.4g} m from the '
+            'configured home_position: check the homing method; where it is twice '
+            'home_position, the drive takes 607Ch with the other sign (home_offset in its '
+            'profile)'
+        )
+
+    @property
+    def _has_settled(self) -> bool:
+        """Return whether the drive has had the time to take an earlier outcome back."""
+        return self._cycles > SETTLING_CYCLES
+
+    def _count_rest(self, counts: int) -> None:
+        is_still = abs(counts - self._counts) <= self._bounds.most_at_rest
+        self._counts = counts
+        self._cycles_at_rest = self._cycles_at_rest + 1 if is_still else 0
+
+    def _shows_success(self, statusword: int) -> bool:
+        if self._needs_bit_10:
+            return statusword & _OUTCOME == _SUCCESS
+        is_at_rest = self._cycles_at_rest >= SETTLING_CYCLES
+        outcome = statusword & (Status.HOMING_ATTAINED | Status.HOMING_ERROR)
+        return outcome == Status.HOMING_ATTAINED and is_at_rest
+
+    def _failure(self, statusword: int) -> str:
+        """Return the reason of a failure of a drive that shows no success, or ``''``."""
+        if statusword & Status.HOMING_ERROR and self._has_settled:
             failure = 'homing failed, the drive reports a homing error'
-        elif self._cycles > self._most_cycles:
-            failure = f'homing took longer than {self._timeout:g} s'
+        elif self._cycles > self._bounds.most_cycles:
+            failure = f'homing took longer than {self._bounds.timeout:g} s'
             if statusword & _OUTCOME == Status.HOMING_ATTAINED:
                 failure += (
                     ', bit 12 is 1 (attained), but bit 10 is 0 (reached); if the drive never '
