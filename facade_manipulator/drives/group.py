@@ -1,10 +1,22 @@
 """
 Group of the three axes: common power-on, and a common stop after any fault.
 
-The group executes lists of steps (`plans`); all three drives must have completed a step before any
-drive receives the next. It enables operation only inside `Group.enable` and `Group.home`, which an
-operator asks for, and after a stop it stays stopped until `Group.reset`. It has no clock and no
-bus: time is an argument, the feedback of each axis is its input, and the commands are its output.
+How requests, plans, homing and the cycle act on the group:
+
+    request   begins a plan by `enable`, `home`, `disable`, `halt` or `reset`, and waits until the
+              drives have done it or are stopped
+    plan      a list of steps (`plans`); all three drives must have completed a step before any
+              drive receives the next, and the last step lasts until another plan begins
+    cycle     calls `step` once, after the feedback of all drives: supervise the present step,
+              begin the next if all have completed it, command all axes
+    homing    while the group is homing, `step` advances the homing of each axis; the axes with
+              the lowest rank that is not homed yet home together
+    cause     of the exchange, the targets or the operator: `stop` begins a plan that ends in
+              the state stopped, which only `reset` leaves
+
+The group enables operation only inside `Group.enable` and `Group.home`, which an operator
+requests. It has no clock and no bus: time is an argument, the feedback of the axes is the input,
+and their output takes the commands.
 """
 
 from __future__ import annotations
