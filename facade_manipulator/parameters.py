@@ -8,7 +8,7 @@ a live change all create an instance of the dataclass, so the same check applies
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, Field, field, fields, is_dataclass, MISSING, replace
 from difflib import get_close_matches
 import math
 from pathlib import Path
@@ -174,35 +174,106 @@ def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
                 )
 
 
-def settings_from(
-    cls: type[Class],
-    values: Mapping[str, Any],
-    prefix: str = '',
-    only: Collection[str] = (),
-    **defaults: Any,
+def from_mapping(
+    cls: type[Class], data: Mapping[str, Any], prefix: str = '', **defaults: Any
 ) -> Class:
     """
-    Return settings from parameters by full name; missing parameters have their defaults.
+    Return a frozen dataclass from values by the names of its fields.
 
-    `prefix` is the group of the settings, such as ``'geometry'``; `only` are the fields in this
-    group, by default all. `defaults` override the defaults of the dataclass. Raises a
-    ParameterError for a wrong value and for an unknown name in the group.
+    Missing fields have their defaults; `defaults` override those of the class. A list becomes a
+    tuple. A field that is a dataclass is made from an inner mapping. `prefix` is the group of the
+    names in messages, such as ``'geometry'``.
+
+    Raises a ParameterError for an unknown name, and for a value of a wrong type or out of range.
     """
-    infos = parameter_fields(cls, only)
-    known = {full_name(prefix, name): name for name in infos}
+    if not isinstance(data, Mapping):
+        raise ParameterError(
+            f'{prefix or "the file"} = {data!r} is not a table; next: write NAME: VALUE'
+        )
+    # fields that are not parameters are fixed, except in a class without parameters
+    names = parameter_fields(cls) or [item.name for item in _fields_of(cls)]
+    known = {item.name: item for item in _fields_of(cls) if item.name in names}
     given = {}
-    for name, value in values.items():
-        if name in known:
-            _require_type(name, value, infos[known[name]])
-            given[known[name]] = tuple(value) if isinstance(value, list) else value
-        elif prefix and name.partition('.')[0] == prefix:
+    for name, value in data.items():
+        if name not in known:
+            shown = full_name(prefix, name)
+            others = [full_name(prefix, other) for other in known]
             raise ParameterError(
-                f"no parameter '{name}'{nearest(name, known)}; next: correct or remove it"
+                f"no parameter '{shown}'{nearest(shown, others)}; next: correct or remove it"
             )
+        given[name] = _converted(full_name(prefix, name), value, known[name])
     try:
         return cls(**defaults | given)
     except ParameterError as error:  # its message begins with the name of a field
         raise ParameterError(full_name(prefix, str(error))) from error
+
+
+def _fields_of(cls: Any) -> tuple[Field[Any], ...]:
+    """Return the fields of a dataclass, which a type checker does not know as such."""
+    return fields(cls)
+
+
+def _converted(name: str, value: Any, item: Field[Any]) -> Any:
+    """Return the value of a field, checked by the parameter or by the default of the field."""
+    info = item.metadata.get(_KEY)
+    if info is not None:
+        _require_type(name, value, info)
+    else:
+        default = item.default
+        if default is MISSING and item.default_factory is not MISSING:
+            default = item.default_factory()
+        if is_dataclass(default) and not isinstance(default, type):
+            return from_mapping(type(default), value, name, **vars(default))
+        _require_like(name, value, default)
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _require_like(name: str, value: Any, default: Any) -> None:
+    """Check the type of a value that is not a parameter; an integer is also a double."""
+    possible: dict[type, tuple[type, ...]] = {float: (float, int), tuple: (tuple, list)}
+    if type(value) not in possible.get(type(default), (type(default),)):
+        raise ParameterError(
+            f'{name} = {value!r}, expected a value such as {default!r}; next: correct it'
+        )
+    if isinstance(default, tuple) and default:
+        for element in value:
+            _require_like(name, element, default[0])
+
+
+class ParameterSource:
+    """
+    Parameters by full name, from which each set-up class reads its groups of settings.
+
+    Attributes
+    ----------
+    names : set of str
+        Full names of the parameters that were read, given or not.
+
+    """
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        self._values = values
+        self.names: set[str] = set()
+
+    def read(
+        self,
+        cls: type[Class],
+        prefix: str = '',
+        only: Collection[str] = (),
+        **defaults: Any,
+    ) -> Class:
+        """
+        Return the settings of a group, with the arguments of `from_mapping`.
+
+        `only` are the fields in this group, by default all.
+        """
+        data = {}
+        for field_name in parameter_fields(cls, only):
+            name = full_name(prefix, field_name)
+            self.names.add(name)
+            if name in self._values:
+                data[field_name] = self._values[name]
+        return from_mapping(cls, data, prefix, **defaults)
 
 
 class _Loader(yaml.SafeLoader):

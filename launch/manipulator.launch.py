@@ -36,7 +36,7 @@ from facade_manipulator import config_path, topics
 from facade_manipulator.executables import INTERRUPTED
 from facade_manipulator.kinematics import Geometry, urdf
 from facade_manipulator.nodes.messages import Frames
-from facade_manipulator.parameters import read_parameters, settings_from
+from facade_manipulator.parameters import ParameterSource, read_parameters
 from facade_manipulator.resources import machine_files
 from facade_manipulator.timeouts import DRIVER_TIMEOUT
 
@@ -148,7 +148,8 @@ def _robot_state_publisher(context) -> list:
             )
         ]
     files = [Path(file) for file in _parameter_files(context)]
-    geometry = settings_from(Geometry, read_parameters(files, 'ik_service'), 'geometry')
+    source = ParameterSource(read_parameters(files, 'ik_service'))
+    geometry = source.read(Geometry, 'geometry')
     prefix = Frames.of(_namespace(context)).prefix
     description = ParameterValue(urdf(geometry, prefix), value_type=str)
     return [

@@ -1,5 +1,6 @@
 """Settings check their values; parameter files are read as ROS reads them."""
 
+from dataclasses import dataclass
 import math
 
 import pytest
@@ -8,11 +9,12 @@ from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.nodes.parameters import reject_unknown_parameters
 from facade_manipulator.parameters import (
+    from_mapping,
     parameter,
+    ParameterSource,
     read_parameters,
     read_value,
     settings,
-    settings_from,
 )
 from facade_manipulator.simulation.world.scenario import load_scenario
 
@@ -82,16 +84,51 @@ class Sample:
         ({'low': 0.95}, 'group.low = 0.95 m is not below high'),
     ],
 )
-def test_settings_from_file_reject_wrong_parameter(values, message):
+def test_wrong_value_is_rejected_with_the_full_name(values, message):
     with pytest.raises(ParameterError, match=message):
-        settings_from(
-            Sample, {f'group.{name}': value for name, value in values.items()}, 'group'
-        )
+        from_mapping(Sample, values, 'group')
 
 
-def test_settings_from_file_keep_given_defaults():
-    made = settings_from(Sample, {'g.span': [0.0, 2.0], 'other.low': 3}, 'g', low=0.2)
+def test_missing_values_have_given_defaults():
+    made = from_mapping(Sample, {'span': [0.0, 2.0]}, low=0.2)
     assert made == Sample(low=0.2, span=(0.0, 2.0))
+
+
+def test_source_reads_a_group_and_collects_its_names():
+    source = ParameterSource({'g.count': 4, 'g.other': 1, 'count': 5})
+    assert source.read(Sample, 'g', ['count', 'low'], high=0.8) == Sample(
+        high=0.8, count=4
+    )
+    assert source.names == {'g.count', 'g.low'}
+
+
+@dataclass(frozen=True)
+class Nested:
+    """Settings of a file with a table in a table."""
+
+    name: str = ''
+    sample: Sample = Sample(low=0.3)
+    points: tuple[tuple[float, float], ...] = ()
+
+
+def test_inner_table_keeps_the_defaults_of_its_field():
+    made = from_mapping(Nested, {'sample': {'high': 0.7}, 'points': [[0, 1.5]]})
+    assert made == Nested(sample=Sample(low=0.3, high=0.7), points=([0, 1.5],))
+
+
+@pytest.mark.parametrize(
+    'data, message',
+    [
+        ({'sample': {'lwo': 0.1}}, "no parameter 'sample.lwo', .* 'sample.low'"),
+        ({'sample': {'high': 0.2}}, 'sample.low = 0.3 m is not below high'),
+        ({'sample': 3}, 'sample = 3 is not a table; next: write NAME: VALUE'),
+        ({'name': 3}, "name = 3, expected a value such as ''; next: correct it"),
+        (['name'], 'the file = .* is not a table'),
+    ],
+)
+def test_wrong_inner_table_is_rejected_with_the_full_name(data, message):
+    with pytest.raises(ParameterError, match=message):
+        from_mapping(Nested, data)
 
 
 SCALARS = (

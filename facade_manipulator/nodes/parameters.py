@@ -58,7 +58,8 @@ def declare(
     """
 
     def make(values: dict[str, Any]) -> Settings:
-        made = parameters.settings_from(cls, values, prefix, only, **defaults)
+        source = parameters.ParameterSource(values)
+        made = source.read(cls, prefix, only, **defaults)
         check(made)
         return made
 

@@ -26,17 +26,15 @@ from facade_manipulator.motion.reference import ReferenceSettings
 from facade_manipulator.motion.setpoints import GoalSettings
 from facade_manipulator.nodes.settings import DriverSettings, OF_ROS, SimulatorSettings
 from facade_manipulator.parameters import (
-    full_name,
     nearest,
     NODES,
-    parameter_fields,
+    ParameterSource,
     read_parameters,
     read_sections,
     require_known_node,
-    settings_from,
 )
 
-Read = Callable[..., Any]  # `settings_from` with the values of a file
+Read = Callable[..., Any]  # method of a `ParameterSource`
 
 
 def announce(tool: str, files: Sequence[Path]) -> None:
@@ -129,15 +127,6 @@ def parameter_names(node: str, values: Mapping[str, Any]) -> set[str]:
 
     Raises a ParameterError for a value that the node rejects.
     """
-    names: set[str] = set()
-
-    def read(
-        cls: type, prefix: str = '', *, only: Collection[str] = (), **defaults: Any
-    ) -> Any:
-        known = {full_name(prefix, name) for name in parameter_fields(cls, only)}
-        names.update(known)
-        given = {name: value for name, value in values.items() if name in known}
-        return settings_from(cls, given, prefix, only, **defaults)
-
-    _READERS[node](read)
-    return names
+    source = ParameterSource(values)
+    _READERS[node](source.read)
+    return source.names

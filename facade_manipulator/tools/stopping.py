@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 from facade_manipulator.commands import above_zero, exit_status
@@ -17,7 +16,7 @@ from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.stopping_distances import StoppingAnalysis
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.parameters import settings_from
+from facade_manipulator.parameters import ParameterSource
 from facade_manipulator.resources import machine_files
 from facade_manipulator.tools.parameter_files import announce, read_machine
 
@@ -57,13 +56,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def read_analysis(paths: Sequence[Path]) -> StoppingAnalysis:
     """Return the stopping analysis of parameter files; raises a ParameterError like the driver."""
     values = read_machine(paths, 'driver')
-    geometry = settings_from(Geometry, values, 'geometry')
-    axes = read_axes(partial(settings_from, values=values), geometry.stroke)
+    source = ParameterSource(values)
+    geometry = source.read(Geometry, 'geometry')
     return StoppingAnalysis(
         geometry,
-        settings_from(MotionLimits, values, 'limits'),
-        axes,
-        settings_from(ControllerSettings, values, 'controller'),
+        source.read(MotionLimits, 'limits'),
+        read_axes(source.read, geometry.stroke),
+        source.read(ControllerSettings, 'controller'),
     )
 
 

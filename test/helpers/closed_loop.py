@@ -30,7 +30,7 @@ from facade_manipulator.kinematics import (
 from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream
-from facade_manipulator.parameters import settings_from
+from facade_manipulator.parameters import ParameterSource
 from facade_manipulator.prediction.estimate import Estimate
 from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.simulation.world.world import World
@@ -69,10 +69,8 @@ class ClosedLoop:
             geometry,
             DEFAULTS._replace(
                 **{
-                    part: settings_from(
-                        type(default),
-                        scenario.compensator,
-                        '' if part == 'compensation' else part,
+                    part: ParameterSource(scenario.compensator).read(
+                        type(default), '' if part == 'compensation' else part
                     )
                     for part, default in DEFAULTS._asdict().items()
                 }

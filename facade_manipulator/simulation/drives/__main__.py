@@ -19,7 +19,7 @@ from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.canopen.lss import UNCONFIGURED
 from facade_manipulator.commands import exit_status
 from facade_manipulator.drives.axis_settings import AxisSettings, DEFAULT_AXES
-from facade_manipulator.parameters import parameter_fields, settings_from
+from facade_manipulator.parameters import parameter_fields, ParameterSource
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 from facade_manipulator.simulation.drives.simulator import DriveSimulator
@@ -47,7 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
-    drives, bus = make_drives(options), settings_from(BusSettings, vars(options))
+    drives = make_drives(options)
+    bus = ParameterSource(vars(options)).read(BusSettings)
     opened = open_bus(bus)
     # the signals stay blocked until sigwait: a handler would interrupt the thread's lock
     signal.pthread_sigmask(signal.SIG_BLOCK, _STOP_SIGNALS)
@@ -62,7 +63,7 @@ def _run(options: argparse.Namespace) -> None:
 
 def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
     """Return the drives of the options; raises a ManipulatorError for an option out of range."""
-    settings = settings_from(SimulationSettings, vars(options))
+    settings = ParameterSource(vars(options)).read(SimulationSettings)
     node_ids, *others = (getattr(options, name) for name in _OF_EACH_DRIVE)
     drives = [
         SimulatedDrive(

@@ -7,7 +7,7 @@ dataclass.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field
 import math
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ import numpy as np
 
 from facade_manipulator.errors import file_reason, ParameterError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.parameters import read_value
+from facade_manipulator.parameters import from_mapping, read_value
 from facade_manipulator.resources import config_path
 
 
@@ -177,45 +177,12 @@ def load_scenario(name: str) -> Scenario:
         path = config_path(f'scenarios/{name}.yaml')
     try:
         content = read_value(path.read_text(encoding='utf-8')) or {}
-        made: Scenario = _checked('', content, Scenario())
-        return made
+        return from_mapping(Scenario, content)
     except ParameterError as error:
         raise ParameterError(f'scenario {name} rejected: {error}') from error
-    except (
-        OSError,
-        UnicodeDecodeError,
-        TypeError,
-        AttributeError,
-    ) as error:
+    except (OSError, UnicodeDecodeError) as error:
         reason = file_reason(error) if isinstance(error, OSError) else str(error)
         raise ParameterError(
             f'scenario {name} rejected: {reason}; next: correct the file, or use one of '
             f'{", ".join(names)}'
         ) from error
-
-
-def _checked(name: str, value: Any, default: Any) -> Any:
-    """
-    Return a value, or the section of a table; a missing value has its default.
-
-    Raises a TypeError for an unknown name, or a value of another type than the default. An int is
-    also a float.
-    """
-    if is_dataclass(default):
-        defaults = vars(default)
-        return replace(
-            default,
-            **{  # type: ignore[type-var]  # the default is not a class
-                key: _checked(key, one, defaults.get(key, one))
-                for key, one in value.items()
-            },
-        )
-    allowed = {float: (float, int), tuple: (tuple, list)}.get(
-        type(default), (type(default),)
-    )
-    if type(value) not in allowed:
-        raise TypeError(f'{name} = {value!r}, expected a value such as {default!r}')
-    if isinstance(default, tuple) and default:
-        for element in value:
-            _checked(name, element, default[0])
-    return value

@@ -14,7 +14,7 @@ import numpy as np
 from facade_manipulator.commands import above_zero, exit_status
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
-from facade_manipulator.parameters import settings_from
+from facade_manipulator.parameters import ParameterSource
 from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.resources import machine_files
 from facade_manipulator.tools.calibration import estimator, geometry
@@ -92,7 +92,7 @@ def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
     found = estimator.fit_estimator(
         _geometry(options),
         recording,
-        settings_from(EstimateSettings, given, 'estimate'),
+        ParameterSource(given).read(EstimateSettings, 'estimate'),
     )
     mounting, delay = found.settings.mounting, found.settings.delay
     for name, value, deviation, unit in zip(
@@ -110,9 +110,8 @@ def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
 
 
 def _geometry(options: argparse.Namespace) -> Geometry:
-    return settings_from(
-        Geometry, read_machine(options.parameters, 'compensator'), 'geometry'
-    )
+    given = read_machine(options.parameters, 'compensator')
+    return ParameterSource(given).read(Geometry, 'geometry')
 
 
 def _line(name: str, value: float, deviation: float, unit: tuple[str, float]) -> str:

@@ -28,7 +28,7 @@ from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import decode_state, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, DriveError, ParameterError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
-from facade_manipulator.parameters import read_value, settings_from
+from facade_manipulator.parameters import ParameterSource, read_value
 from facade_manipulator.resources import (
     atomic_write,
     MACHINE_FILE,
@@ -171,9 +171,8 @@ class Context:
 
     def open(self) -> CanBus:
         """Open the bus of the machine; raises a BusError."""
-        return self._open_frames(
-            settings_from(BusSettings, read_machine(self.files, 'driver'), 'bus')
-        )
+        source = ParameterSource(read_machine(self.files, 'driver'))
+        return self._open_frames(source.read(BusSettings, 'bus'))
 
     @contextmanager
     def bus(self) -> Iterator[ToolBus]:
