@@ -31,6 +31,8 @@ NODES = (
 REMOVED = {
     'geometry.backlash': 'no tool measures it, and screws have at most 0.2 mm',
 }
+#: former names of parameters, each with its present name
+RENAMED: dict[str, str] = {}
 _TYPES = {
     bool: 'true or false',
     int: 'an integer',
@@ -121,6 +123,13 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f", which is similar to '{found[0]}'" if found else ''
 
 
+def unknown(name: str, known: Iterable[str]) -> str:
+    """Return the message for an unknown parameter, which names the present or a similar name."""
+    if present := RENAMED.get(name):
+        return f"no longer a parameter '{name}'; next: write {present} in section /**"
+    return f"no parameter '{name}'{nearest(name, known)}; next: correct or remove it"
+
+
 def _elements(name: str, value: Any, info: ParameterInfo) -> Sequence[Any]:
     """Return the elements of a value; a scalar parameter has one element."""
     if not isinstance(info.default, tuple):
@@ -196,11 +205,8 @@ def from_mapping(
     given = {}
     for name, value in data.items():
         if name not in known:
-            shown = full_name(prefix, name)
             others = [full_name(prefix, other) for other in known]
-            raise ParameterError(
-                f"no parameter '{shown}'{nearest(shown, others)}; next: correct or remove it"
-            )
+            raise ParameterError(unknown(full_name(prefix, name), others))
         given[name] = _converted(full_name(prefix, name), value, known[name])
     try:
         return cls(**defaults | given)
@@ -246,13 +252,15 @@ class ParameterSource:
 
     Attributes
     ----------
+    values : dict
+        Given values by full name.
     names : set of str
         Full names of the parameters that were read, given or not.
 
     """
 
     def __init__(self, values: Mapping[str, Any]) -> None:
-        self._values = values
+        self.values = dict(values)
         self.names: set[str] = set()
 
     def read(
@@ -271,8 +279,8 @@ class ParameterSource:
         for field_name in parameter_fields(cls, only):
             name = full_name(prefix, field_name)
             self.names.add(name)
-            if name in self._values:
-                data[field_name] = self._values[name]
+            if name in self.values:
+                data[field_name] = self.values[name]
         return from_mapping(cls, data, prefix, **defaults)
 
 

@@ -42,7 +42,7 @@ from facade_manipulator.motion.reference import (
     ReferencePath,
     ReferenceSettings,
 )
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.parameters import parameter, ParameterSource, settings
 from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings
 
 DRIVE_LAG = 0.015  # s, controller.drive_lag of the shipped parameters
@@ -109,6 +109,18 @@ class CompensatorSettings(NamedTuple):
     reference: ReferenceSettings = ReferenceSettings()
     contact: ContactSettings = ContactSettings()
     lateral: LateralSettings = LateralSettings()
+
+    @classmethod
+    def read(cls, source: ParameterSource) -> CompensatorSettings:
+        """Read the parameters of the parts."""
+        return cls(
+            compensation=source.read(CompensationSettings),
+            estimate=source.read(EstimateSettings, 'estimate'),
+            correction=source.read(CorrectionSettings, 'correction'),
+            reference=source.read(ReferenceSettings, 'reference'),
+            contact=source.read(ContactSettings, 'contact'),
+            lateral=source.read(LateralSettings, 'lateral'),
+        )
 
 
 DEFAULTS = CompensatorSettings()

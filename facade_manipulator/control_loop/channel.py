@@ -18,12 +18,13 @@ import socket
 from typing import Any
 
 from facade_manipulator.canopen.link import BusSettings
-from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.axis_settings import AxisSettings, read_axes
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.stopping_distances import StoppingAnalysis
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.parameters import ParameterSource
 from facade_manipulator.timeouts import braking_time
 
 # plain numbers: combining Python's flags takes longer than the system call
@@ -50,16 +51,28 @@ class LoopSetup:
     simulate: str = ''
     log_level: int = logging.INFO  #: minimum severity that the loop logs
 
+    @classmethod
+    def read(cls, source: ParameterSource) -> LoopSetup:
+        """Read the parameters of the control loop."""
+        geometry = source.read(Geometry, 'geometry')
+        return cls(
+            geometry=geometry,
+            controller=source.read(ControllerSettings, 'controller'),
+            axes=read_axes(source.read, geometry.stroke),
+            bus=source.read(BusSettings, 'bus'),
+            stream=source.read(StreamSettings, 'stream'),
+            limits=source.read(MotionLimits, 'limits'),
+        )
+
     @property
     def extra_time(self) -> float:
         """Return the time that slow brakes add to the end of the loop [s]."""
         return braking_time(max(axis.stop_time for axis in self.axes))
 
-    def stopping(self, limits: MotionLimits) -> StoppingAnalysis:
-        """Return the stopping analysis of limits; raises the errors of its `check`."""
-        analysis = StoppingAnalysis(self.geometry, limits, self.axes, self.controller)
-        analysis.check()
-        return analysis
+    @property
+    def stopping(self) -> StoppingAnalysis:
+        """Return the stopping analysis; the node has called its `check` before the loop starts."""
+        return StoppingAnalysis(self.geometry, self.limits, self.axes, self.controller)
 
 
 def channel_ends() -> tuple[tuple[socket.socket, ...], tuple[socket.socket, ...]]:

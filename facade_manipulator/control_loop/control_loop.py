@@ -55,14 +55,10 @@ _log = logging.getLogger(__name__)
 
 
 def guarded_follower(setup: LoopSetup) -> tuple[SetpointFollower, Guard]:
-    """
-    Return the follower of setpoints, and the guard of its mechanism.
-
-    Raises the ParameterErrors of `StoppingAnalysis.check`.
-    """
+    """Return the follower of setpoints, and the guard of its mechanism."""
     guard = Guard(
         setup.geometry,
-        setup.stopping(setup.limits).separation,
+        setup.stopping.separation,
         max(axis.limit_margin for axis in setup.axes),
     )
     follower = SetpointFollower(
@@ -97,8 +93,7 @@ class ControlLoop:
     Controller of the drives, and the messages between controller and node.
 
     A test may pass its clock and its machine: follower and controller on a bus of the test. The
-    alarm is that of a process for itself. Raises the ParameterErrors of `StoppingAnalysis.check`
-    and `DriveController`.
+    alarm is that of a process for itself. Raises the ParameterErrors of `DriveController`.
     """
 
     def __init__(

@@ -100,6 +100,7 @@ class LoopClient:
         on_rejection: Callable[[str, str], None],
         launch: Callable[..., subprocess.Popen[bytes]] = start_process,
     ) -> None:
+        setup.stopping.check()
         self._setup = setup
         self._on_rejection = on_rejection
         self._launch = launch
@@ -211,8 +212,12 @@ class LoopClient:
             self._remedy = remedy
             self._command('forbid', cause, remedy)
 
+    def check(self, limits: MotionLimits) -> None:
+        """Raise a ParameterError for limits with which carriages would touch."""
+        replace(self._setup, limits=limits).stopping.check()
+
     def change(self, limits: MotionLimits) -> None:
-        """Replace the limits of motion from the next cycle."""
+        """Replace the limits of motion, which were checked, from the next cycle."""
         self._setup = replace(self._setup, limits=limits)
         self._command('limits', limits)
 

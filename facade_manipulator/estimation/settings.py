@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypeVar
 
-from facade_manipulator.parameters import inherited, parameter, settings
+from facade_manipulator.parameters import (
+    inherited,
+    parameter,
+    ParameterSource,
+    settings,
+)
 
 PLACE = ('x', 'y', 'z')
+Sensor = TypeVar('Sensor')
 
 
 @settings
@@ -156,20 +161,20 @@ class EstimatorSetup:
     poses: dict[str, PoseFixSettings] = field(default_factory=dict)
 
     @classmethod
-    def read(
-        cls, names: SensorNames, read: Callable[[Any, str], Any]
-    ) -> EstimatorSetup:
-        """Return all settings, except for empty names; `read` takes a class and a prefix."""
-        groups = (
-            (DistanceSettings, names.distances),
-            (FixSettings, names.fixes),
-            (PoseFixSettings, names.poses),
-        )
+    def read(cls, source: ParameterSource) -> EstimatorSetup:
+        """Read the parameters of the estimator, which has a group for each named sensor."""
+        names = source.read(SensorNames)
         return cls(
-            read(ImuSettings, 'imu'),
-            read(ProfileSettings, 'wall'),
-            *(
-                {name: read(kind, name) for name in group if name}
-                for kind, group in groups
-            ),
+            imu=source.read(ImuSettings, 'imu'),
+            wall=source.read(ProfileSettings, 'wall'),
+            distances=_by_name(source, DistanceSettings, names.distances),
+            fixes=_by_name(source, FixSettings, names.fixes),
+            poses=_by_name(source, PoseFixSettings, names.poses),
         )
+
+
+def _by_name(
+    source: ParameterSource, cls: type[Sensor], names: tuple[str, ...]
+) -> dict[str, Sensor]:
+    """Return the settings of the sensors of a kind by their names, except empty names."""
+    return {name: source.read(cls, name) for name in names if name}

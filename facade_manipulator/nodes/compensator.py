@@ -20,15 +20,11 @@ from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator import topics
 from facade_manipulator.compensation import report
-from facade_manipulator.compensation.compensator import (
-    Compensator,
-    CompensatorSettings,
-    CorrectedPose,
-    DEFAULTS,
-)
+from facade_manipulator.compensation.compensator import Compensator, CorrectedPose
+from facade_manipulator.compensation.contact import ContactSettings, LateralSettings
 from facade_manipulator.compensation.goal import ArrivalSettings, Goal, GoalTracker
 from facade_manipulator.errors import InputError, ManipulatorError
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import millimetres
 from facade_manipulator.nodes import command_gate, conversions, messages
 from facade_manipulator.nodes.base_node import BaseNode
@@ -47,9 +43,10 @@ from facade_manipulator.nodes.diagnostics import (
     LOG_PERIOD,
 )
 from facade_manipulator.nodes.driver_status import SILENT
-from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.nodes.parameters import accept_changes, NodeParameters
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
+from facade_manipulator.nodes.settings import CompensatorSetup
 
 if TYPE_CHECKING:
     from facade_manipulator.nodes.ik_service import IkServiceNode
@@ -76,21 +73,10 @@ class CompensatorNode(BaseNode):
 
     def __init__(self, connects_later: bool = False, **kwargs: Any) -> None:
         super().__init__('compensator', **kwargs)
-        geometry = declare(self, Geometry, 'geometry')
-        self._compensator = Compensator(
-            geometry,
-            CompensatorSettings(
-                **{
-                    part: declare(
-                        self,
-                        type(default),
-                        '' if part == 'compensation' else part,
-                        partial(self._change, part),
-                    )
-                    for part, default in DEFAULTS._asdict().items()
-                }
-            ),
-        )
+        setup = CompensatorSetup.read(NodeParameters(self))
+        self._compensator = Compensator(setup.geometry, setup.parts)
+        for part, cls in (('contact', ContactSettings), ('lateral', LateralSettings)):
+            accept_changes(self, cls, part, partial(self._compensator.change, part))
         self._out_of_plane = messages.OutOfPlane(0.0, 0.0)  # of the newest estimate
 
         self.diagnostics = Diagnostics(self, self._components)
@@ -103,8 +89,9 @@ class CompensatorNode(BaseNode):
         self._transform = conversions.FacadeTransform(self)
         self._goal_status = self.create_publisher(*topics.GOAL_STATUS)
         self._goals = GoalTracker(self._compensator, self._publish_goal, self._warn)
+        self._goals.settings = setup.arrival
         change_arrival = partial(setattr, self._goals, 'settings')
-        change_arrival(declare(self, ArrivalSettings, 'arrival', change_arrival))
+        accept_changes(self, ArrivalSettings, 'arrival', change_arrival)
 
         self.inputs = PublisherWatch(self, self.diagnostics)
         self._gate = CommandGate(
@@ -159,9 +146,6 @@ class CompensatorNode(BaseNode):
             topics.END_EFFECTOR_POSE,
             partial(self._compensator.following.add_head, time, head),
         )
-
-    def _change(self, part: str, changed: Any) -> None:
-        self._compensator.change(part, changed)
 
     def _publish_goal(self, component: report.Component) -> None:
         self._goal_status.publish(diagnostic_status(*component))

@@ -19,7 +19,7 @@ from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.estimation.channel import Channel
 from facade_manipulator.estimation.estimator import DisturbanceEstimator, RailMotion
 from facade_manipulator.estimation.inputs import LARGEST_FORCE, LARGEST_RATE
-from facade_manipulator.estimation.settings import EstimatorSetup, SensorNames
+from facade_manipulator.estimation.settings import EstimatorSetup
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import POSE_AXES
 from facade_manipulator.nodes.base_node import BaseNode
@@ -37,7 +37,7 @@ from facade_manipulator.nodes.messages import (
     not_measured,
     require_measured,
 )
-from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.nodes.parameters import NodeParameters
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
 from facade_manipulator.rejections import Rejections
@@ -55,7 +55,7 @@ class DisturbanceEstimatorNode(BaseNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('disturbance_estimator', **kwargs)
-        setup = EstimatorSetup.read(declare(self, SensorNames), partial(declare, self))
+        setup = EstimatorSetup.read(NodeParameters(self))
         self._estimator = DisturbanceEstimator(setup)
         self._motion: RailMotion | None = None
         self._published = self._logged = -math.inf  # newest stamps [s]

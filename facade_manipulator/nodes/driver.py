@@ -9,6 +9,7 @@ unconfigured, and the next configure starts another loop.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
 import math
@@ -41,14 +42,13 @@ from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.conversions import joint_state, steady_timer, system_time
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
-from facade_manipulator.nodes.driver_setup import declare_setup
 from facade_manipulator.nodes.driver_status import state_sentence, STATUS_PERIOD
 from facade_manipulator.nodes.lifecycle import ManagedNode, OnReply, UNCONFIGURED
 from facade_manipulator.nodes.messages import carriages_from, seconds
-from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.nodes.parameters import accept_changes, NodeParameters
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
-from facade_manipulator.nodes.settings import DriverSettings
+from facade_manipulator.nodes.settings import DriverSetup
 from facade_manipulator.nodes.software_stop import SoftwareStop
 
 
@@ -69,12 +69,17 @@ class DriverNode(ManagedNode):
         self, launch: Callable[..., Any] = start_process, **kwargs: Any
     ) -> None:
         super().__init__('driver', **kwargs)
-        settings = declare(self, DriverSettings)
+        settings, setup = DriverSetup.read(NodeParameters(self))
         self._is_simulated = settings.simulate_drives
-        setup = declare_setup(self, self._is_simulated, self._change_limits)
         self.diagnostics = Diagnostics(self, self._components)
+        log_level = int(self.get_logger().get_effective_level())  # numbers of logging
         self._loop = LoopClient(
-            setup, lambda *error: self.diagnostics.reject(InputError(*error)), launch
+            replace(setup, log_level=log_level),
+            lambda *error: self.diagnostics.reject(InputError(*error)),
+            launch,
+        )
+        accept_changes(
+            self, MotionLimits, 'limits', self._change_limits, self._loop.check
         )
         self._constants = {
             'targets ahead of their SYNC [ms]': 1e3

@@ -15,14 +15,10 @@ from sensor_msgs.msg import JointState
 
 from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Carriages, Geometry, Pose
+from facade_manipulator.kinematics import Carriages, Pose
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
-from facade_manipulator.motion.reference import (
-    HeadMotion,
-    ReferencePath,
-    ReferenceSettings,
-)
-from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream, STREAM_GAP
+from facade_manipulator.motion.reference import HeadMotion, ReferencePath
+from facade_manipulator.motion.setpoints import SetpointStream, STREAM_GAP
 from facade_manipulator.nodes import command_gate, conversions, messages
 from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.command_gate import CommandGate, watch_driver
@@ -35,9 +31,10 @@ from facade_manipulator.nodes.conversions import (
     system_time,
 )
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
-from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.nodes.parameters import NodeParameters
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
+from facade_manipulator.nodes.settings import IkServiceSetup
 
 if TYPE_CHECKING:
     from facade_manipulator.nodes.compensator import CompensatorNode
@@ -71,9 +68,9 @@ class IkServiceNode(BaseNode):
 
     def __init__(self, connects_later: bool = False, **kwargs: Any) -> None:
         super().__init__('ik_service', **kwargs)
-        geometry = declare(self, Geometry, 'geometry')
-        self._stream = SetpointStream(geometry, declare(self, GoalSettings))
-        self._approach = ReferencePath(declare(self, ReferenceSettings, 'approach'))
+        setup = IkServiceSetup.read(NodeParameters(self))
+        self._stream = SetpointStream(setup.geometry, setup.goals)
+        self._approach = ReferencePath(setup.approach)
         self._approach_timer = steady_timer(
             self, APPROACH_PERIOD, self._continue_approach, autostart=False
         )
@@ -94,7 +91,7 @@ class IkServiceNode(BaseNode):
         self._setpoint_message = JointState(name=AXIS_NAMES)
         self._setpoint_message.header.frame_id = self._frames.rail
         self._heads = self.create_publisher(*topics.END_EFFECTOR_POSE)
-        self._description = conversions.Description(self, geometry)
+        self._description = conversions.Description(self, setup.geometry)
         self._rejected_requests = self.create_publisher(*topics.REJECTIONS)
         self.inputs = PublisherWatch(self, self.diagnostics, self._change_publishers)
         self._gate = CommandGate(

@@ -1,8 +1,9 @@
-"""Settings dataclasses as ROS parameters: described, checked, and read-only unless marked live."""
+"""Parameters of a node: described, checked, and read-only unless marked live."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 import sys
@@ -14,69 +15,52 @@ from rclpy.parameter import Parameter
 
 from facade_manipulator import parameters
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.nodes.settings import OF_ROS
+from facade_manipulator.nodes.settings import OF_ROS, parameter_names
 from facade_manipulator.nodes.workarounds import given_parameters
+from facade_manipulator.parameters import NODES, ParameterInfo, ParameterSource
 
 Settings = TypeVar('Settings')
 
 
-def declare(
-    node: Node,
-    cls: type[Settings],
-    prefix: str = '',
-    on_change: Callable[[Settings], None] = lambda _: None,
-    check: Callable[[Settings], object] = lambda _: None,
-    *,
-    only: Collection[str] = (),
-    **defaults: Any,
-) -> Settings:
-    """
-    Declare the fields of a settings dataclass and return the settings of the node.
+class NodeParameters(ParameterSource):
+    """Parameters that a node is given; the node declares each parameter that is read."""
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    cls : type
-        Dataclass made by `facade_manipulator.parameters.settings`.
-    prefix : str
-        Group of the parameters, such as ``'geometry'``.
-    on_change : callable, optional
-        Receives the new settings after an accepted change of a live parameter.
-    check : callable, optional
-        Raises a ParameterError for settings that contradict other settings, at start and before
-        a live change.
-    only : collection of str, optional
-        Fields in this group; by default all.
-    **defaults
-        Values that differ from the defaults of the dataclass.
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._given = given_parameters(node)
+        super().__init__({name: plain(item) for name, item in self._given.items()})
 
-    Raises
-    ------
-    ParameterError
-        A value has the wrong type, is out of its range or contradicts another value.
-
-    """
-
-    def make(values: dict[str, Any]) -> Settings:
-        source = parameters.ParameterSource(values)
-        made = source.read(cls, prefix, only, **defaults)
-        check(made)
+    def read(
+        self,
+        cls: type[Settings],
+        prefix: str = '',
+        only: Collection[str] = (),
+        **defaults: Any,
+    ) -> Settings:
+        """Declare the parameters of a group; return the settings of the node."""
+        infos = parameters.parameter_fields(cls, only)
+        for field_name, info in infos.items():
+            self._correct_empty_array(parameters.full_name(prefix, field_name), info)
+        made = super().read(cls, prefix, only, **defaults)
+        for field_name, info in infos.items():
+            self._declare(
+                parameters.full_name(prefix, field_name),
+                getattr(made, field_name),
+                info,
+            )
         return made
 
-    declared = {
-        parameters.full_name(prefix, name): info
-        for name, info in parameters.parameter_fields(cls, only).items()
-    }
-    given = given_parameters(node)
-    _give_values_to_empty_arrays(given, declared)
-    made = make({name: _plain(item) for name, item in given.items()})
-    infos = {
-        name: (getattr(made, name.removeprefix(f'{prefix}.')), info)
-        for name, info in declared.items()
-    }
-    for name, (value, info) in infos.items():
+    def _correct_empty_array(self, name: str, info: ParameterInfo) -> None:
+        """Change a given ``[]``, which ROS reads as a parameter without type and value."""
+        item = self._given.get(name)
+        is_untyped = item is not None and item.type_ is Parameter.Type.NOT_SET
+        if is_untyped and isinstance(info.default, tuple):
+            self._given[name] = Parameter(name, value=[])
+            self.values[name] = []
+
+    def _declare(self, name: str, value: Any, info: ParameterInfo) -> None:
         default = list(value) if isinstance(value, tuple) else value
-        node.declare_parameter(
+        self._node.declare_parameter(
             name,
             default,
             ParameterDescriptor(
@@ -86,56 +70,66 @@ def declare(
                 dynamic_typing=default == [],  # rclpy takes an empty array for bytes
             ),
         )
-    if any(info.live for _, info in infos.values()):
-        _accept_live_changes(node, infos.keys(), make, on_change)
-    return made
 
 
-def _give_values_to_empty_arrays(
-    given: dict[str, Parameter], declared: Mapping[str, parameters.ParameterInfo]
-) -> None:
-    """Change the given parameters: ROS reads ``[]`` as a parameter without type and value."""
-    for name, info in declared.items():
-        item = given.get(name)
-        is_untyped = item is not None and item.type_ is Parameter.Type.NOT_SET
-        if is_untyped and isinstance(info.default, tuple):
-            given[name] = Parameter(name, value=[])
-
-
-def accepted(info: parameters.ParameterInfo) -> str:
+def accepted(info: ParameterInfo) -> str:
     """Return the accepted values in words, such as ``0.1 to 5 m/s``."""
     if info.minimum is None or info.maximum is None:
         return ''
     return f'{info.minimum:g} to {info.maximum:g} {info.unit}'.rstrip()
 
 
-def _accept_live_changes(
+def accept_changes(
     node: Node,
-    names: Collection[str],
-    make: Callable[[dict[str, Any]], Settings],
+    cls: type[Settings],
+    prefix: str,
     on_change: Callable[[Settings], None],
+    check: Callable[[Settings], object] = lambda _: None,
 ) -> None:
-    """Check a change of some parameters by making the settings, then pass the new settings."""
+    """
+    Accept changes of the live parameters of a group while the node runs.
 
-    def made_with(changes: Sequence[Parameter]) -> Settings:
-        changed = {item.name: item for item in changes}
-        return make(
-            {
-                name: _plain(changed.get(name) or node.get_parameter(name))
-                for name in names
-            }
-        )
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    cls : type
+        Settings of the group.
+    prefix : str
+        Group of the parameters, such as ``'limits'``.
+    on_change : callable
+        Receives the new settings after an accepted change.
+    check : callable, optional
+        Raises a ParameterError for settings that contradict other settings.
+
+    """
+    names = [
+        parameters.full_name(prefix, field_name)
+        for field_name in parameters.parameter_fields(cls)
+    ]
+
+    def changed(changes: Sequence[Parameter]) -> Settings | None:
+        """Return the settings with changes, None if they are of other groups."""
+        given = {item.name: item for item in changes if item.name in names}
+        if not given:
+            return None
+        values = {
+            name: plain(given.get(name) or node.get_parameter(name)) for name in names
+        }
+        return ParameterSource(values).read(cls, prefix)
 
     def validate(changes: Sequence[Parameter]) -> SetParametersResult:
         try:
-            made_with(changes)
+            settings = changed(changes)
+            if settings is not None:
+                check(settings)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def apply(changes: Sequence[Parameter]) -> None:
-        if any(item.name in names for item in changes):
-            on_change(made_with(changes))
+        settings = changed(changes)
+        if settings is not None:
+            on_change(settings)
 
     node.add_on_set_parameters_callback(validate)
     node.add_post_set_parameters_callback(apply)
@@ -151,50 +145,108 @@ def reject_unknown_parameters(
     nodes: Sequence[Node], args: Sequence[str] | None = None
 ) -> None:
     """
-    Raise a ParameterError for a parameter that no node of this process has declared.
+    Raise a ParameterError for a parameter that a node is given and does not have.
 
     ROS ignores such a parameter, and the default would stay in force unnoticed. A section for all
-    nodes may contain groups for another process; an unknown name there is logged. `args` are the
-    arguments of the process, by default `sys.argv`.
+    nodes may contain parameters of a node in another process; a name of no node is logged unless
+    its group is known. `args` are the arguments of the process, by default `sys.argv`.
     """
     words = pairwise(sys.argv if args is None else args)
     arguments = [_argument(value) for word, value in words if word in ('-p', '--param')]
-    files = parameters.read_sections(parameter_files(args))
-    own = {node.get_name(): node for node in nodes}
-    known = {name for node in nodes for name in node.list_parameters([], 0).names}
-    groups = {name.partition('.')[0] for name in known}
-    _require_namespace(nodes, {section.strip('/') for section in files})
-    for section, name in [
-        *((section, name) for section, values in files.items() for name in values),
-        *(argument[:2] for argument in arguments),
-    ]:
-        target = parameters.require_known_node(section, {*parameters.NODES, *own})
-        group = name.partition('.')[0]
-        if group in OF_ROS or (
-            own[target].has_parameter(name)
-            if target in own
-            else name in known or target in parameters.NODES
-        ):
-            continue
-        message = (
-            f"{' and '.join(own)} has no parameter '{name}'"
-            f'{parameters.nearest(name, known)}; next: correct or remove it'
-        )
-        if target in own or not section or group in groups:
-            raise ParameterError(message)
-        if group != 'geometry':  # other processes have it
-            nodes[0].get_logger().warning(message)
-    # a section of a file and a namespace override an argument
+    files = parameter_files(args)
+    sections = parameters.read_sections(files)
+    own = {node.get_name() for node in nodes}
+    for section in [*sections, *(target for target, _, _ in arguments)]:
+        parameters.require_known_node(section, {*NODES, *own})
+    _require_namespace(nodes, {section.strip('/') for section in sections})
+
+    declared: set[str] = set()
+    for node in nodes:
+        declared.update(node.list_parameters([], 0).names)
+    shared = _names_for_all(sections)
+    of_any_node = declared | _names_of_all_nodes(files)
+    for node in nodes:
+        of_others = declared | (shared & of_any_node)
+        of_others -= _names_by_node(node.get_name(), sections, arguments)
+        for name in given_parameters(node):
+            is_of_ros = name.partition('.')[0] in OF_ROS
+            if node.has_parameter(name) or name in of_others or is_of_ros:
+                continue
+            message = f'{node.get_name()} has {parameters.unknown(name, declared)}'
+            if name in shared and not _has_known_group(name, of_any_node):
+                node.get_logger().warning(message)
+            else:
+                raise ParameterError(message)
+    _require_effect(nodes, arguments)
+    _require_equal_values(nodes)
+
+
+def _names_for_all(sections: Mapping[str, Mapping[str, Any]]) -> set[str]:
+    """Return the names in sections of files for all nodes."""
+    names: set[str] = set()
+    for section, values in sections.items():
+        if not section.rpartition('/')[2].strip('*'):
+            names.update(values)
+    return names
+
+
+def _names_by_node(
+    node: str,
+    sections: Mapping[str, Mapping[str, Any]],
+    arguments: Sequence[tuple[str, str, Any]],
+) -> set[str]:
+    """Return the names that sections of files and arguments give a node by its name."""
+    names = {name for target, name, _ in arguments if target == node}
+    for section, values in sections.items():
+        if section.rpartition('/')[2] == node:
+            names.update(values)
+    return names
+
+
+def _names_of_all_nodes(files: Sequence[Path]) -> set[str]:
+    """Return the parameters of all nodes of the package, also of those in other processes."""
+    names: set[str] = set()
+    for node in NODES:
+        values = {}
+        with suppress(ParameterError):  # the process of the node reports its errors
+            values = parameters.read_parameters(files, node)
+        names |= parameter_names(node, values)
+    return names
+
+
+def _has_known_group(name: str, known: Collection[str]) -> bool:
+    """Return whether a renamed parameter, or a parameter in a group of some known one."""
+    groups = {other.partition('.')[0] for other in known if '.' in other}
+    return name in parameters.RENAMED or name.partition('.')[0] in groups
+
+
+def _require_effect(
+    nodes: Sequence[Node], arguments: Sequence[tuple[str, str, Any]]
+) -> None:
+    """Raise a ParameterError for an argument that a section or a namespace overrides."""
     for target, name, value in arguments:
         for node in nodes:
-            if (
-                target in ('', node.get_name())
-                and node.has_parameter(name)
-                and (actual := _plain(node.get_parameter(name))) != value
-            ):
+            if target not in ('', node.get_name()) or not node.has_parameter(name):
+                continue
+            actual = plain(node.get_parameter(name))
+            if actual != value:
                 raise ParameterError(
                     f'argument {name}:={value} has no effect on {node.get_name()}: the value is '
                     f'{actual}; next: change it in the parameter file'
+                )
+
+
+def _require_equal_values(nodes: Sequence[Node]) -> None:
+    """Raise a ParameterError for a parameter with two values in the nodes of this process."""
+    found: dict[str, tuple[str, Any]] = {}
+    for node in nodes:
+        for name in node.list_parameters([], 0).names:
+            value = plain(node.get_parameter(name))
+            owner, first = found.setdefault(name, (node.get_name(), value))
+            if value != first and name.partition('.')[0] not in OF_ROS:
+                raise ParameterError(
+                    f'{name} rejected: {first} of {owner} differs from {value} of '
+                    f'{node.get_name()}; next: set it in section /** for all nodes'
                 )
 
 
@@ -218,7 +270,7 @@ def _argument(text: str) -> tuple[str, str, Any]:
         raise ParameterError(f'argument {text} rejected: {error}') from error
 
 
-def _plain(item: Parameter) -> Any:
+def plain(item: Parameter) -> Any:
     """Return the value of a parameter, an array as a list."""
     value = item.value
     return (

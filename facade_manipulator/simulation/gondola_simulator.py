@@ -14,21 +14,15 @@ from sensor_msgs.msg import JointState, Range
 
 from facade_manipulator import topics
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import (
-    Carriages,
-    compose,
-    difference,
-    Geometry,
-    Mechanism,
-)
+from facade_manipulator.kinematics import Carriages, compose, difference, Mechanism
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.nodes import conversions, messages
 from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
-from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.nodes.parameters import NodeParameters
 from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
-from facade_manipulator.nodes.settings import SimulatorSettings
+from facade_manipulator.nodes.settings import SimulatorSetup
 from facade_manipulator.simulation.world.scenario import load_scenario
 from facade_manipulator.simulation.world.world import World
 
@@ -60,12 +54,10 @@ class GondolaSimulatorNode(BaseNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('gondola_simulator', **kwargs)
-        geometry, own = (
-            declare(self, Geometry, 'geometry'),
-            declare(self, SimulatorSettings),
-        )
-        scenario, self._mechanism = load_scenario(own.scenario), Mechanism(geometry)
-        self._world = World(scenario, geometry, conversions.ros_time())
+        setup = SimulatorSetup.read(NodeParameters(self))
+        scenario = load_scenario(setup.world.scenario)
+        self._mechanism = Mechanism(setup.geometry)
+        self._world = World(scenario, setup.geometry, conversions.ros_time())
         self._frames = messages.Frames.of(self.get_namespace())
         self.diagnostics = Diagnostics(
             self, lambda: [diagnostic_status('world', 'ok', 'simulating', {})]
@@ -87,7 +79,7 @@ class GondolaSimulatorNode(BaseNode):
         watch.subscribe(topics.GOAL_POSE, self._receive_goal)
         watch.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         conversions.steady_timer(self, DELIVERY_PERIOD, self._deliver)
-        self._viewer = open_viewer(self._world) if own.viewer else None
+        self._viewer = open_viewer(self._world) if setup.world.viewer else None
         self.wants_priority = self._viewer is None  # drawing takes long
         if self._viewer:
             conversions.steady_timer(self, VIEWER_PERIOD, self._viewer.sync)

@@ -11,11 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from facade_manipulator.commands import above_zero, exit_status
-from facade_manipulator.drives.axis_settings import read_axes
-from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.control_loop.channel import LoopSetup
 from facade_manipulator.drives.stopping_distances import StoppingAnalysis
-from facade_manipulator.kinematics import Geometry
-from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.parameters import ParameterSource
 from facade_manipulator.resources import machine_files
 from facade_manipulator.tools.parameter_files import announce, read_machine
@@ -56,14 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def read_analysis(paths: Sequence[Path]) -> StoppingAnalysis:
     """Return the stopping analysis of parameter files; raises a ParameterError like the driver."""
     values = read_machine(paths, 'driver')
-    source = ParameterSource(values)
-    geometry = source.read(Geometry, 'geometry')
-    return StoppingAnalysis(
-        geometry,
-        source.read(MotionLimits, 'limits'),
-        read_axes(source.read, geometry.stroke),
-        source.read(ControllerSettings, 'controller'),
-    )
+    return LoopSetup.read(ParameterSource(values)).stopping
 
 
 def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
