@@ -4,7 +4,7 @@ import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.parameters import settings_from
+from facade_manipulator.parameters import from_mapping
 
 
 def test_geometry_accepts_integers_and_zero_gap():
@@ -43,8 +43,8 @@ def test_geometry_out_of_range_is_rejected(fields, words):
 
 
 def test_removed_backlash_is_rejected_with_the_reason():
-    values = {'geometry.backlash': [0.0, 0.0, 0.0]}
+    values = {'backlash': [0.0, 0.0, 0.0]}
     with pytest.raises(
         ParameterError, match="'geometry.backlash', which was removed because no tool"
     ):
-        settings_from(Geometry, values, 'geometry')
+        from_mapping(Geometry, values, 'geometry')

@@ -1,5 +1,6 @@
 """Parameters of the nodes: described, read-only unless marked live, unknown names rejected."""
 
+from contextlib import nullcontext
 import re
 
 from nodes.bench import NODES
@@ -14,6 +15,7 @@ from facade_manipulator.nodes import run
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.parameters import reject_unknown_parameters
 
+PAIR = ('compensator', 'ik_service')  # nodes of the process `manipulator`
 DRIVER = '/**/driver: {ros__parameters: {%s}}'
 
 
@@ -103,6 +105,39 @@ def test_unknown_or_ineffective_parameter_is_rejected_with_nearest_name(
         assert message and 'log: ' not in message and message in str(error)
     else:
         assert re.search(message.removeprefix('log: '), capfd.readouterr().err)
+
+
+def test_name_of_another_process_is_accepted_for_all_nodes(ros, tmp_path, capfd):
+    file = tmp_path / 'parameters.yaml'
+    file.write_text('/**: {ros__parameters: {horizon: 0.05, contact.force: 20.0}}')
+    args = ['--ros-args', '--params-file', str(file)]
+    node = ros.add(NODES['ik_service'](cli_args=args))
+    reject_unknown_parameters([node], args)
+    assert 'horizon' not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    'argument, is_rejected',
+    [('horizon:=0.05', False), ('limits.speed:=0.3', True), ('nonsense:=1', True)],
+)
+def test_argument_for_all_nodes_needs_one_node_in_process(ros, argument, is_rejected):
+    args = ['--ros-args', '-p', argument]
+    nodes = [ros.add(NODES[name](cli_args=args)) for name in PAIR]
+    with pytest.raises(ParameterError) if is_rejected else nullcontext():
+        reject_unknown_parameters(nodes, args)
+
+
+def test_two_values_of_one_parameter_are_rejected(ros, tmp_path):
+    file = tmp_path / 'parameters.yaml'
+    file.write_text('/**/compensator: {ros__parameters: {geometry.link_length: 0.36}}')
+    args = ['--ros-args', '--params-file', str(file)]
+    nodes = [ros.add(NODES[name](cli_args=args)) for name in PAIR]
+    with pytest.raises(ParameterError) as error:
+        reject_unknown_parameters(nodes, args)
+    assert str(error.value) == (
+        'geometry.link_length rejected: 0.36 of compensator differs from 0.352 of ik_service; '
+        'next: set it in section /** for all nodes'
+    )
 
 
 @pytest.mark.parametrize('name', NODES)

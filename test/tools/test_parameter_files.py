@@ -3,12 +3,12 @@
 from nodes.bench import NODES
 import pytest
 
-from facade_manipulator.nodes.settings import OF_ROS
+from facade_manipulator.nodes.settings import OF_ROS, parameter_names
 from facade_manipulator.resources import config_path, machine_files
 from facade_manipulator.tools import stopping
 from facade_manipulator.tools.calibration import __main__ as calibrate
 from facade_manipulator.tools.commissioning import __main__ as commission
-from facade_manipulator.tools.parameter_files import parameter_names, read_machine
+from facade_manipulator.tools.parameter_files import read_machine
 
 TOOLS = {
     'stopping': lambda *files: stopping.main([*files]),
