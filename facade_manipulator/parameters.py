@@ -32,7 +32,12 @@ REMOVED = {
     'geometry.backlash': 'no tool measures it, and screws have at most 0.2 mm',
 }
 #: former names of parameters, each with its present name
-RENAMED: dict[str, str] = {}
+RENAMED = {
+    'approach.acceleration': 'reference.acceleration',
+    'approach.jerk': 'reference.jerk',
+    'approach.speed': 'reference.speed',
+    'min_conditioning': 'reference.min_conditioning',
+}
 _TYPES = {
     bool: 'true or false',
     int: 'an integer',

@@ -52,7 +52,7 @@ LONGEST_INTERVAL = 0.1  # s, a longer pause counts as this interval
 
 @settings
 class CompensationSettings:
-    """Settings of the compensation: rate, lead and minimum conditioning of corrected poses."""
+    """Settings of the compensation: rate and lead of corrected poses."""
 
     rate: float = parameter(
         'Rate of corrected poses',
@@ -67,12 +67,6 @@ class CompensationSettings:
         unit='s',
         minimum=0.0,
         maximum=0.5,
-    )
-    min_conditioning: float = parameter(
-        'Minimum local conditioning index of a corrected pose',
-        default=0.05,
-        minimum=0.0,
-        maximum=1.0,
     )
 
     @property
@@ -173,7 +167,7 @@ class Compensator:
 
     def require_inside(self, goal: Pose) -> None:
         """Require a goal inside the workspace in still air; raises a LimitError otherwise."""
-        self._mechanism.certify(goal, self.settings.min_conditioning)
+        self._mechanism.certify(goal, self._reference.settings.min_conditioning)
 
     def drop_goal(self) -> None:
         """Drop the goal: `update` returns None; the path to the next goal begins at the head."""

@@ -282,7 +282,7 @@ class Mechanism:
                 min_conditioning,
                 '',
                 'below',
-                'min_conditioning',
+                'reference.min_conditioning',
             )
         return carriages
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from ruckig import Trajectory
 
 from facade_manipulator.kinematics import (
+    MIN_CONDITIONING,
     Pose,
     subtract,
     Twist,
@@ -26,10 +27,10 @@ LAST = 1e-6
 @settings
 class ReferenceSettings:
     """
-    Limits of a path of the head: x, y and θ.
+    Limits of the head's path, on the wall and on the rail: x, y and θ.
 
-    They are parameters of two nodes: ``reference`` of the compensator, for paths on the wall, and
-    ``approach`` of the ik_service, for paths on the rail.
+    Compensator and ik_service have the same group ``reference``, because a pose that only one of
+    both accepts would stop the head on its path.
     """
 
     speed: tuple[float, ...] = parameter(
@@ -55,6 +56,12 @@ class ReferenceSettings:
         minimum=0.1,
         maximum=1e4,
         elements=Pose._fields,
+    )
+    min_conditioning: float = parameter(
+        'Minimum local conditioning index of a pose (unit of length b/0.348)',
+        default=MIN_CONDITIONING,
+        minimum=0.0,
+        maximum=1.0,
     )
 
 

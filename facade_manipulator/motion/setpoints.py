@@ -14,7 +14,6 @@ from facade_manipulator import kinematics
 from facade_manipulator.errors import InputError, SetpointLimitError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 from facade_manipulator.motion.limits import plus, ZERO
-from facade_manipulator.parameters import parameter, settings
 
 PATH_SPACING = 0.005  # m, between the poses of a path where the request names none
 LONGEST_PATH = 10000  # steps: a mistyped spacing must not block the node for long
@@ -126,24 +125,12 @@ def interpolate(
     return position, velocity
 
 
-@settings
-class GoalSettings:
-    """Limits on the goals of ik_service."""
-
-    min_conditioning: float = parameter(
-        'Minimum local conditioning index of a goal (unit of length b/0.348)',
-        default=0.05,
-        minimum=0.0,
-        maximum=1.0,
-    )
-
-
 class SetpointStream:
     """Certify poses, and turn a stream of them into setpoints."""
 
-    def __init__(self, geometry: kinematics.Geometry, settings: GoalSettings) -> None:
+    def __init__(self, geometry: kinematics.Geometry, min_conditioning: float) -> None:
         self.mechanism = kinematics.Mechanism(geometry)
-        self.settings = settings
+        self._min_conditioning = min_conditioning
         self._last = (
             -math.inf,
             kinematics.ZERO_POSE,
@@ -151,7 +138,7 @@ class SetpointStream:
 
     def certify(self, pose: kinematics.Pose) -> kinematics.Carriages:
         """Return the carriages of a goal [m], or raise a LimitError with the violated limit."""
-        return self.mechanism.certify(pose, self.settings.min_conditioning)
+        return self.mechanism.certify(pose, self._min_conditioning)
 
     def path(
         self, start: kinematics.Pose, goal: kinematics.Pose, spacing: float = 0.0

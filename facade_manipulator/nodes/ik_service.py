@@ -69,8 +69,8 @@ class IkServiceNode(BaseNode):
     def __init__(self, connects_later: bool = False, **kwargs: Any) -> None:
         super().__init__('ik_service', **kwargs)
         setup = IkServiceSetup.read(NodeParameters(self))
-        self._stream = SetpointStream(setup.geometry, setup.goals)
-        self._approach = ReferencePath(setup.approach)
+        self._stream = SetpointStream(setup.geometry, setup.reference.min_conditioning)
+        self._approach = ReferencePath(setup.reference)
         self._approach_timer = steady_timer(
             self, APPROACH_PERIOD, self._continue_approach, autostart=False
         )

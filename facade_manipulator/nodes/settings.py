@@ -17,7 +17,6 @@ from facade_manipulator.control_loop.channel import LoopSetup
 from facade_manipulator.estimation.settings import EstimatorSetup
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.reference import ReferenceSettings
-from facade_manipulator.motion.setpoints import GoalSettings
 from facade_manipulator.parameters import parameter, ParameterSource, settings
 
 # a name, because the simulator imports the CAN libraries, which only the loop needs
@@ -80,16 +79,14 @@ class IkServiceSetup(NamedTuple):
     """Settings of the ik_service."""
 
     geometry: Geometry
-    goals: GoalSettings
-    approach: ReferenceSettings
+    reference: ReferenceSettings
 
     @classmethod
     def read(cls, source: ParameterSource) -> IkServiceSetup:
         """Read the parameters of the ik_service."""
         return cls(
             geometry=source.read(Geometry, 'geometry'),
-            goals=source.read(GoalSettings),
-            approach=source.read(ReferenceSettings, 'approach'),
+            reference=source.read(ReferenceSettings, 'reference'),
         )
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from sensor_record import feed, PERIOD, SETUP, START
 
-from facade_manipulator.compensation.compensator import Compensator, DEFAULTS
+from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings
 from facade_manipulator.compensation.held_back import LEAST_ERROR
 from facade_manipulator.drives.guard import MechanismCheck
 from facade_manipulator.errors import ManipulatorError
@@ -24,12 +24,13 @@ from facade_manipulator.kinematics import (
     difference,
     Geometry,
     Mechanism,
+    MIN_CONDITIONING,
     Pose,
     Wrench,
 )
 from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.motion.setpoints import GoalSettings, SetpointStream
+from facade_manipulator.motion.setpoints import SetpointStream
 from facade_manipulator.parameters import ParameterSource
 from facade_manipulator.prediction.estimate import Estimate
 from facade_manipulator.simulation.world.scenario import Scenario
@@ -67,14 +68,7 @@ class ClosedLoop:
         self.world = World(scenario, geometry, START, head, drive_lag)
         self.compensator = Compensator(
             geometry,
-            DEFAULTS._replace(
-                **{
-                    part: ParameterSource(scenario.compensator).read(
-                        type(default), '' if part == 'compensation' else part
-                    )
-                    for part, default in DEFAULTS._asdict().items()
-                }
-            ),
+            CompensatorSettings.read(ParameterSource(scenario.compensator)),
         )
         self.rejections: list[str] = []
         self.follower = SetpointFollower(
@@ -82,7 +76,7 @@ class ClosedLoop:
         )
         self.follower.reset(self.world.carriages)
         self._mechanism = Mechanism(geometry)
-        self._stream = SetpointStream(geometry, GoalSettings())
+        self._stream = SetpointStream(geometry, MIN_CONDITIONING)
         self._command = self.world.carriages  # computed in the previous cycle
         self._measured: tuple[float, Carriages, Wrench] | None = None
         self._plans: deque[tuple[Any, ...]] = (

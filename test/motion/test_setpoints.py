@@ -5,14 +5,9 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from facade_manipulator.errors import InputError, LimitError
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics import Geometry, MIN_CONDITIONING, Pose
 from facade_manipulator.motion import setpoints
-from facade_manipulator.motion.setpoints import (
-    GoalSettings,
-    Setpoint,
-    SetpointStream,
-    STREAM_GAP,
-)
+from facade_manipulator.motion.setpoints import Setpoint, SetpointStream, STREAM_GAP
 
 HOME, LIFTED = Pose(0.0, 0.25, 0.0), Pose(0.1, 0.26, 0.1)
 triples = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
@@ -21,7 +16,7 @@ intervals = st.floats(0.01, 0.5)
 
 @pytest.fixture(name='stream')
 def fixture_stream():
-    return SetpointStream(Geometry(), GoalSettings())
+    return SetpointStream(Geometry(), MIN_CONDITIONING)
 
 
 def along(time: float) -> Pose:

@@ -9,11 +9,13 @@ from rclpy.parameter import Parameter
 from support import wait_until
 
 from facade_manipulator import config_path
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import ParameterError, SingularityError
+from facade_manipulator.kinematics import Pose
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.nodes import run
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.parameters import reject_unknown_parameters
+from facade_manipulator.tools.parameter_files import read_machine
 
 PAIR = ('compensator', 'ik_service')  # nodes of the process `manipulator`
 DRIVER = '/**/driver: {ros__parameters: {%s}}'
@@ -138,6 +140,39 @@ def test_two_values_of_one_parameter_are_rejected(ros, tmp_path):
         'geometry.link_length rejected: 0.36 of compensator differs from 0.352 of ik_service; '
         'next: set it in section /** for all nodes'
     )
+
+
+@pytest.mark.parametrize('section', ['/**', '/**/ik_service'])
+@pytest.mark.parametrize(
+    'former, present',
+    [
+        ('approach.speed: [0.1, 0.1, 0.1]', 'reference.speed'),
+        ('min_conditioning: 0.1', 'reference.min_conditioning'),
+    ],
+)
+def test_former_name_is_rejected_with_the_present_name(
+    ros, tmp_path, section, former, present
+):
+    file = tmp_path / 'parameters.yaml'
+    file.write_text(f'{section}: {{ros__parameters: {{{former}}}}}')
+    args = ['--ros-args', '--params-file', str(file)]
+    node = ros.add(NODES['ik_service'](cli_args=args))
+    step = f'next: write {present} in section /'
+    with pytest.raises(ParameterError, match=step):
+        reject_unknown_parameters([node], args)
+    with pytest.raises(ParameterError, match=step):
+        read_machine([file], 'ik_service')
+
+
+def test_pose_is_certified_alike_by_both_nodes(ros):
+    overrides = [Parameter('reference.min_conditioning', value=0.9)]
+    compensator, ik_service = (
+        ros.add(NODES[name](parameter_overrides=overrides)) for name in PAIR
+    )
+    pose = Pose(0.0, 0.25, 0.0)
+    for certify in (compensator._compensator.set_goal, ik_service._stream.certify):
+        with pytest.raises(SingularityError, match='reference.min_conditioning'):
+            certify(pose)
 
 
 @pytest.mark.parametrize('name', NODES)
