@@ -12,12 +12,8 @@ from collections.abc import Sequence
 import math
 from typing import Any, NamedTuple
 
-from facade_manipulator.compensation.contact import (
-    Contact,
-    ContactSettings,
-    LateralSettings,
-    Surroundings,
-)
+from facade_manipulator.compensation.contact import Contact, LateralSettings
+from facade_manipulator.compensation.contact_phases import ContactSettings, Surroundings
 from facade_manipulator.compensation.correction import (
     Correction,
     CorrectionMode,

@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 from facade_manipulator.compensation.compensator import Compensator
-from facade_manipulator.compensation.contact import Pressing
+from facade_manipulator.compensation.contact_phases import Pressing
 from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.errors import joined
 from facade_manipulator.kinematics.planar import millimetres, POSE_AXES

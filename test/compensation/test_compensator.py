@@ -14,11 +14,8 @@ from facade_manipulator.compensation.compensator import (
     Compensator,
     DEFAULTS,
 )
-from facade_manipulator.compensation.contact import (
-    ContactSettings,
-    LateralSettings,
-    PressMode,
-)
+from facade_manipulator.compensation.contact import LateralSettings
+from facade_manipulator.compensation.contact_phases import ContactSettings, PressMode
 from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
@@ -179,7 +176,7 @@ def test_lost_estimate_retracts_the_head_with_its_reason(variances, reason):
     ).run(4.0)
     pressing = run.compensator.contact.pressing
     pressing.mode = PressMode.HOLDING
-    pressing.desired = pressing.settings.force
+    pressing.ramp.desired = pressing.settings.force
     run.variances = variances
     for cycle in range(70):  # less than 1.05 s: the correction continues
         with suppress(ManipulatorError):
@@ -198,9 +195,9 @@ def test_contact_has_the_instant_at_which_the_head_arrives(lag):
     )
     run.compensator.following.lag = lag
     run.run(0.5)
-    law, moved = run.compensator.contact.pressing.y, run.compensator.contact.present.y
-    assert law._offset_at(run.last.reach_time) == moved
-    assert law._offsets.newest()[0][0] == run.last.reach_time
+    contact = run.compensator.contact
+    newest = contact.pressing.normal.law._totals.newest()
+    assert newest == ((run.last.reach_time, contact.present.y),)
 
 
 def test_contact_settings_change_without_a_jump():

@@ -9,17 +9,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.contact import (
-    Contact,
+from facade_manipulator.compensation.contact import Contact, LateralSettings
+from facade_manipulator.compensation.contact_force import ForceLaw, SPEED, TIME_CONSTANT
+from facade_manipulator.compensation.contact_phases import (
     ContactSettings,
-    ForceLaw,
-    LateralSettings,
     LEAST_STIFFNESS,
     Pressing,
     PressMode,
-    SPEED,
     Surroundings,
-    TIME_CONSTANT,
     YAW_SPEED,
 )
 from facade_manipulator.errors import InputError
@@ -65,7 +62,7 @@ def press(
     for k in range(round(duration / PERIOD)):
         now, reached = start + k * PERIOD, max(k - HORIZON, 0)
         pressing.step(now, now + HORIZON * PERIOD, PERIOD, around(now))
-        offsets.append(pressing.y.offset + pressing.absorbed)
+        offsets.append(pressing.normal.shift)
         yaws.append(pressing.theta.offset)
         desired.append(pressing.desired)
         forces.append(wall_stiffness * max(offsets[reached] - wall(now), 0.0))

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from compensation.compensated_head import CompensatedHead
 import pytest
 
-from facade_manipulator.compensation.contact import ContactSettings, PressMode
+from facade_manipulator.compensation.contact_phases import ContactSettings, PressMode
 from facade_manipulator.compensation.correction import CorrectionSettings
 from facade_manipulator.compensation.goal import (
     ArrivalSettings,

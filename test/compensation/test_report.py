@@ -6,7 +6,10 @@ import re
 import pytest
 
 from facade_manipulator.compensation.compensator import Compensator, CorrectedPose
-from facade_manipulator.compensation.contact import ContactSettings, MEASURING_ZERO
+from facade_manipulator.compensation.contact_phases import (
+    ContactSettings,
+    MEASURING_ZERO,
+)
 from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.compensation.goal import uncorrected_reason
 from facade_manipulator.compensation.report import (
@@ -96,8 +99,12 @@ def test_correction_values_have_the_unit_of_their_key(compensator):
 def test_contact_values_have_the_unit_of_their_key(compensator):
     contact = compensator.contact
     pressing = contact.pressing
-    pressing.monitor.force, pressing.moment, pressing.desired = 12.0, 0.3, 15.0
-    pressing.zero, contact._shift, pressing.y.offset = -0.5, 0.001, -0.02
+    pressing.monitor.force = 12.0
+    pressing.monitor.moment = 0.3
+    pressing.ramp.desired = 15.0
+    pressing.sensor_zero.force = -0.5
+    contact.regulator.shift = 0.001
+    pressing.normal.law.offset = -0.02
     pressing.theta.offset = POSE.theta
     assert contact_components(compensator) == []  # nothing is enabled
     pressing.settings = ContactSettings(enabled=True)

@@ -8,7 +8,7 @@ from closed_loop import ClosedLoop, DRIVE_LAG
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.contact import PressMode
+from facade_manipulator.compensation.contact_phases import PressMode
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.simulation.world.scenario import load_scenario, Motion
 

@@ -1,0 +1,411 @@
+"""
+Phases of pressing on the wall: approach the wall, raise the force, hold it, retract.
+
+`contact_force.py` has the law of the force, `contact_faults.py` the reasons to retract.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from typing import NamedTuple
+
+from facade_manipulator.compensation.contact_faults import (
+    ForceMonitor,
+    MEASURING_ZERO,
+    SensorZero,
+)
+from facade_manipulator.compensation.contact_force import (
+    ForceLaw,
+    NormalForce,
+    OLDEST_WRENCH,
+    SPEED,
+    TOUCH,
+    towards,
+)
+from facade_manipulator.kinematics import Pose, ZERO_POSE
+from facade_manipulator.parameters import parameter, settings
+
+FUTURE_TOLERANCE = 0.02  # s
+NEAR_GOAL = 0.005  # m: maximum distance of the path past its goal
+LEAST_STIFFNESS = (
+    600.0  # N/m: with less, a damping of the brush of 25 N s/m makes the law ring
+)
+APPROACH_SPEED = 0.004  # m/s: a wall of 100 N/mm is touched with 28 N
+FIRST_SHARE = 0.1  # share of the desired force at the beginning of the ramp
+LOST_AFTER = 1.0  # s without touch, after which the head approaches the wall again
+YAW_SPEED = 0.25  # rad/s
+YAW_RANGE = 0.12  # rad
+FRICTION = 0.3  # coefficient of friction of brushes on a wall
+LEAST_BOUND = 2.0  # N, of the error of a held force
+BOUND_SHARE = 0.1  # of the desired force, added to it
+
+
+@settings
+class ContactSettings:
+    """Force on the wall, and the brush between head and wall."""
+
+    enabled: bool = parameter(
+        'Whether the head presses on the wall', default=False, live=True
+    )
+    force: float = parameter(
+        'Desired force on the wall',
+        default=30.0,
+        unit='N',
+        minimum=0.1,
+        maximum=1000.0,
+        live=True,
+    )
+    stiffness: float = parameter(
+        'Stiffness of the brush, 600 N/m for a softer brush',
+        default=600.0,
+        unit='N/m',
+        minimum=LEAST_STIFFNESS,
+        maximum=1e6,
+    )
+    ramp_time: float = parameter(
+        'Time in which the force rises from a tenth to its desired value',
+        default=8.0,
+        unit='s',
+        minimum=0.5,
+        maximum=120.0,
+    )
+    retreat: float = parameter(
+        'Distance of the waiting head before the goal',
+        default=0.05,
+        unit='m',
+        minimum=0.0,
+        maximum=0.5,
+    )
+    range: float = parameter(
+        'Maximum offset from the goal',
+        default=0.08,
+        unit='m',
+        minimum=1e-4,
+        maximum=0.5,
+    )
+    yaw_enabled: bool = parameter(
+        'Whether the yaw of the head yields to the moment of the wall',
+        default=False,
+        live=True,
+    )
+    brush_width: float = parameter(
+        'Width of the brush along the wall',
+        default=0.3,
+        unit='m',
+        minimum=0.01,
+        maximum=5.0,
+    )
+    brush_depth: float = parameter(
+        'Distance of the wall from the head: lever of the friction',
+        default=0.05,
+        unit='m',
+        minimum=0.0,
+        maximum=1.0,
+    )
+
+
+class PressMode(enum.Enum):
+    """Phases of pressing on the wall, as messages."""
+
+    OFF = 'not pressing'
+    RETRACTED = 'retracted'
+    SEARCHING = 'looking for the wall'
+    RAISING = 'raising the force'
+    HOLDING = 'holding the force'
+
+
+IN_CONTACT = (PressMode.RAISING, PressMode.HOLDING)
+
+
+class Surroundings(NamedTuple):
+    """Inputs of the contact in addition to its measurements."""
+
+    saturation_error: Pose = (
+        ZERO_POSE  #: part removed at the workspace limit [m, m, rad]
+    )
+    rail_y: float = 0.0  #: disturbance in y that is corrected [m]
+    silence: str = ''  #: reason why a disturbance that should be corrected is not
+    beyond: float = 0.0  #: distance of the path past its goal, towards the wall [m]
+    fading_y: float = 0.0  #: velocity of that disturbance by a fade alone [m/s]
+
+
+class ForceRamp:
+    """Present desired force since the touch of the wall, and the time without touch."""
+
+    def __init__(self) -> None:
+        self.desired = 0.0  #: [N]; 0 without contact
+        self._progress = 0.0  # of the rise, from 0 to 1
+        self._untouched = 0.0  # s
+
+    def restart(self) -> None:
+        """Desire no force, before another phase."""
+        self.desired = 0.0
+        self._progress = 0.0
+        self._untouched = 0.0
+
+    def is_touching(self, force: float, final: float) -> bool:
+        """Return whether a force [N] is a touch, for a final desired force [N]."""
+        return force > min(TOUCH, 0.5 * (self.desired or final))
+
+    def note_touch(self, interval: float, is_touching: bool) -> None:
+        """Record whether the head touches the wall in an interval [s]."""
+        self._untouched = 0.0 if is_touching else self._untouched + interval
+
+    @property
+    def is_touch_lost(self) -> bool:
+        """Return whether the head has not touched the wall for `LOST_AFTER`."""
+        return self._untouched > LOST_AFTER
+
+    def advance(self, interval: float, ramp_time: float) -> bool:
+        """Continue a rise of a duration [s]; return whether it is complete."""
+        self._progress += interval / ramp_time
+        return self._progress >= 1.0
+
+    def update(self, final: float, is_raising: bool) -> float:
+        """Return the present desired force [N] on the way to the final one [N]."""
+        share = min(self._progress, 1.0) if is_raising else 1.0
+        ramp = 0.5 - 0.5 * math.cos(math.pi * share)
+        self.desired = final * (FIRST_SHARE + (1.0 - FIRST_SHARE) * ramp)
+        return self.desired
+
+
+class Pressing:
+    """
+    Pressing on the wall: approach, raise the force, hold it; retract with a reason.
+
+    The head waits at the distance `retreat` before the goal and measures the zero of the sensor
+    there. After a fault the head stays there until pressing is disabled and enabled again. After a
+    silent sensor or a lost estimate, the head approaches the wall again without a request.
+    """
+
+    def __init__(self, settings: ContactSettings) -> None:
+        self.settings = settings
+        self.mode = PressMode.OFF
+        self.normal = NormalForce()
+        self.theta = ForceLaw()
+        self.ramp = ForceRamp()
+        self.monitor = ForceMonitor()
+        self.sensor_zero = SensorZero()
+        #: reason of the present wait off the wall, reason of the last retreat; empty for no reason
+        self.reason = ''
+        self.last_reason = ''
+        self._is_latched = False
+        if settings.enabled:
+            self.mode = PressMode.RETRACTED
+            self.normal.law.begin(-settings.retreat)
+
+    @property
+    def desired(self) -> float:
+        """Return the present desired force [N]; 0 without contact."""
+        return self.ramp.desired
+
+    @property
+    def moment(self) -> float:
+        """Return the last moment on the wall [N m]."""
+        return self.monitor.moment
+
+    @property
+    def zero(self) -> float:
+        """Return the zero of the force sensor [N]."""
+        return self.sensor_zero.force
+
+    @property
+    def outcome(self) -> str:
+        """Return the phase of pressing on the wall, with the reason if the head does not press."""
+        reason = self.reason or self._range_fault()
+        return f'{self.mode.value}: {reason}' if reason else self.mode.value
+
+    @property
+    def is_hindered(self) -> bool:
+        """Return whether the force is not reached without a change by the operator."""
+        return self.reason not in ('', MEASURING_ZERO) or bool(self._range_fault())
+
+    @property
+    def bound(self) -> float:
+        """Return the maximum error of a held force [N]."""
+        return LEAST_BOUND + BOUND_SHARE * self.settings.force
+
+    @property
+    def is_held(self) -> bool:
+        """Return whether the force is held, or no force is desired."""
+        return not self.settings.enabled or (
+            self.mode is PressMode.HOLDING
+            and abs(self.monitor.mean - self.desired) <= self.bound
+        )
+
+    def add_measurement(
+        self, stamp: float, force: float, moment: float, is_repeated: bool
+    ) -> None:
+        """
+        Record the readings of force and moment on the wall [N, N m] at a stamp [s].
+
+        While the head waits off the wall, they update the zeros of the sensor. The readings minus
+        the zeros go to the force laws, the tracker and the monitor. `is_repeated` marks a wrench
+        that is identical to the previous one.
+        """
+        if self.mode is PressMode.RETRACTED:
+            interval = stamp - self.monitor.stamp
+            self.sensor_zero.add_measurement(stamp, interval, force, moment)
+        force -= self.sensor_zero.force
+        moment -= self.sensor_zero.moment
+        self.normal.add_measurement(stamp, force, self.settings.stiffness)
+        self.theta.add_measurement(stamp, moment)
+        demanded = self.settings.stiffness * self.normal.law.measured_offset
+        self.monitor.moment = moment
+        self.monitor.add(
+            stamp, force, demanded, self.desired, self.settings.force, is_repeated
+        )
+
+    def step(
+        self, now: float, time: float, interval: float, around: Surroundings
+    ) -> None:
+        """Move the offsets over an interval [s] to a later time [s]."""
+        is_fresh = -FUTURE_TOLERANCE <= now - self.monitor.stamp <= OLDEST_WRENCH
+        if not self.settings.enabled:
+            self._disable(time)
+            if self.normal.is_at_goal and not self.theta.offset:
+                return  # no offset remains; at 100 Hz this saves 0.3 % of a processor
+        else:
+            silence = f'no contact_wrench for {OLDEST_WRENCH:g} s'
+            if is_fresh:
+                silence = around.silence
+            self._choose_phase(now, interval, silence)
+        if self._is_off_wall:
+            self.normal.release_fade(interval)
+        else:
+            self.normal.absorb_fade(interval, around.fading_y, self.settings.range)
+        self._move_y(time, interval, around, is_fresh)
+        self._move_theta(time, interval, around.saturation_error.theta, is_fresh)
+        is_free = (
+            self.mode is PressMode.RETRACTED
+            and around.beyond <= NEAR_GOAL
+            and self.normal.law.total <= -self.settings.retreat
+        )
+        self.sensor_zero.note_place(time, is_free)
+
+    @property
+    def _is_off_wall(self) -> bool:
+        return self.mode in (PressMode.OFF, PressMode.RETRACTED)
+
+    def _disable(self, time: float) -> None:
+        self._enter(PressMode.OFF)
+        self._is_latched = False
+        self.reason = ''
+        self.sensor_zero.note_place(time, is_free=False)
+
+    def _choose_phase(self, now: float, interval: float, silence: str) -> None:
+        """Wait, retract or follow the touch; `silence` is the reason of a missing input."""
+        if self._is_off_wall:
+            self._wait(now, silence)
+            return
+        fault = self.monitor.fault(self.settings.force)
+        if fault:
+            self._retract(fault, is_latched=True)
+        elif silence:
+            self._retract(silence)
+        else:
+            self._follow_touch(interval)
+
+    def _retract(self, reason: str, is_latched: bool = False) -> None:
+        self.reason = reason
+        self.last_reason = reason
+        self._is_latched = is_latched
+        self._enter(PressMode.RETRACTED)
+
+    def _enter(self, mode: PressMode) -> None:
+        self.mode = mode
+        self.ramp.restart()
+
+    def _wait(self, now: float, silence: str) -> None:
+        """Wait off the wall until no reason remains, then approach the wall."""
+        self.mode = PressMode.RETRACTED
+        if not self._is_latched:
+            self.reason = silence or self.sensor_zero.fault(now)
+        if not self.reason:
+            self.monitor.begin()
+            self._enter(PressMode.SEARCHING)
+
+    def _range_fault(self) -> str:
+        """Return why the range of the offset does not suffice; empty while it does."""
+        limit = f'{1e3 * self.settings.range:g} mm (contact.range) beyond the goal'
+        if self.normal.law.offset < self.settings.range or self.is_held:
+            return ''
+        if self.mode is PressMode.SEARCHING:
+            return (
+                f'no wall within {limit}, so that the place of the wall is unknown; '
+                'next: send a goal on the wall'
+            )
+        if self.mode in IN_CONTACT:
+            return (
+                f'the force needs an offset above {limit}; '
+                'next: send a goal nearer to the wall'
+            )
+        return ''
+
+    def _follow_touch(self, interval: float) -> None:
+        """Raise the force after a touch; approach the wall again after a loss of touch."""
+        ramp = self.ramp
+        is_touching = ramp.is_touching(self.normal.law.force, self.settings.force)
+        ramp.note_touch(interval, is_touching)
+        if self.mode is PressMode.SEARCHING and is_touching:
+            self._enter(PressMode.RAISING)
+        elif self.mode in IN_CONTACT and ramp.is_touch_lost:
+            self._enter(PressMode.SEARCHING)
+        elif self.mode is PressMode.RAISING:
+            if ramp.advance(interval, self.settings.ramp_time):
+                self.mode = PressMode.HOLDING
+
+    def _velocity(self, time: float, is_fresh: bool) -> float:
+        """Return the velocity of the offset in y [m/s]."""
+        if self.mode is PressMode.SEARCHING:
+            return APPROACH_SPEED if is_fresh else 0.0
+        force = self.settings.force
+        desired = self.ramp.update(force, self.mode is PressMode.RAISING)
+        return self.normal.velocity(desired, force, self.settings.stiffness, time)
+
+    def _wanted_y(self, time: float, interval: float, is_fresh: bool) -> float:
+        """Return the offset in y [m] that the phase wants next."""
+        settings = self.settings
+        before = self.normal.law.offset
+        if self._is_off_wall:
+            target = min(before, -settings.retreat) if settings.enabled else 0.0
+            return towards(before, target, SPEED * interval)
+        wanted = before + interval * self._velocity(time, is_fresh)
+        least = -max(settings.retreat, settings.range)
+        return min(max(wanted, least), settings.range)
+
+    def _move_y(
+        self, time: float, interval: float, around: Surroundings, is_fresh: bool
+    ) -> None:
+        normal = self.normal
+        before = normal.law.offset
+        offset = self._wanted_y(time, interval, is_fresh)
+        # At the workspace limit the offset moves only back inside: no wind-up.
+        if around.saturation_error.y * (offset - before) > 0.0:
+            offset = before
+        compression = None
+        if self.mode is PressMode.HOLDING:
+            error = normal.law.force - self.desired
+            normal.trust.update(interval, error, self.settings.force)
+            if is_fresh:
+                compression = self.desired / self.settings.stiffness
+        else:
+            normal.trust.reset(self.settings.force)
+        normal.move(time, interval, offset, around.rail_y, compression)
+
+    def _move_theta(
+        self, time: float, interval: float, saturation_error: float, is_fresh: bool
+    ) -> None:
+        settings = self.settings
+        before = self.theta.offset
+        limit = YAW_SPEED * interval
+        moved = towards(before, 0.0, limit)
+        if settings.yaw_enabled and is_fresh and self.mode in IN_CONTACT:
+            stiffness = 0.25 * settings.stiffness * settings.brush_width**2
+            dead_band = FRICTION * settings.force * settings.brush_depth
+            change = interval * self.theta.velocity(0.0, stiffness, time, dead_band)
+            wanted = min(max(before + change, -YAW_RANGE), YAW_RANGE)
+            moved = towards(before, wanted, limit)
+        is_blocked = saturation_error * (moved - before) > 0.0
+        self.theta.move(time, before if is_blocked else moved)
