@@ -21,7 +21,8 @@ from std_srvs.srv import SetBool, Trigger
 from facade_manipulator import topics
 from facade_manipulator.compensation import report
 from facade_manipulator.compensation.compensator import Compensator, CorrectedPose
-from facade_manipulator.compensation.contact import ContactSettings, LateralSettings
+from facade_manipulator.compensation.contact import LateralSettings
+from facade_manipulator.compensation.contact_phases import ContactSettings
 from facade_manipulator.compensation.goal import ArrivalSettings, Goal, GoalTracker
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Pose
