@@ -59,21 +59,20 @@ class SimulatedDrive:
         settings: SimulationSettings | None = None,
         profile: DriveProfile | None = None,
     ) -> None:
-        settings, profile = (
-            settings or SimulationSettings(),
-            profile or load_profile(axis.profile),
-        )
+        settings = settings or SimulationSettings()
+        profile = profile or load_profile(axis.profile)
         scale = profile.applied(axis)
-        motor = self.motor = SimulatedMotor(settings, scale)
-        objects = self.objects = Objects(profile, scale, settings.missing_objects)
+        motor = SimulatedMotor(settings, scale)
+        objects = Objects(profile, scale, settings.missing_objects)
+        self.motor = motor
+        self.objects = objects
         self.axis = SimulatedAxis(objects, motor, self.inject_fault, self._reset_errors)
         self.lss = LssSlave(axis.node_id, objects.values)
         self._pdo = ProcessData(objects, lambda: self.inject_fault(PDO_TOO_SHORT))
         self.now = 0.0  #: time of the simulation [s]
         self._last_sync = 0.0  # that the drive has produced [s]
-        self._master_due = (
-            math.inf
-        )  # time at which the heartbeat of the master is lost [s]
+        #: time at which the heartbeat of the master is lost [s]
+        self._master_due = math.inf
         self.is_silent = False  #: fault: the drive sends no frame
         self.is_deaf = False  #: fault: the drive ignores RPDOs, but serves SDO
         self.errors: list[int] = []  #: codes of the present errors, the newest last
@@ -98,7 +97,7 @@ class SimulatedDrive:
         service = self._service(cob_id, len(data))
         if service is None:
             return []
-        self.now = self.objects.outbox.now = max(now, self.now)
+        self._set_time(now)
         if self._boot_at == math.inf:
             self.axis.advance(self.now)
             service(cob_id, data, self.now)
@@ -106,7 +105,8 @@ class SimulatedDrive:
 
     def advance(self, now: float) -> list[Frame]:
         """Advance to a time [s]; return frames sent: boot-up, heartbeat, emergencies, TPDOs."""
-        self.now = self.objects.outbox.now = now = max(now, self.now)
+        self._set_time(now)
+        now = self.now
         if now >= self._boot_at:
             self._boot()
         self.axis.advance(now)
@@ -117,6 +117,10 @@ class SimulatedDrive:
             self._send_sync()
         frames = self.objects.outbox.take()
         return [] if self.is_silent or self._boot_at < math.inf else frames
+
+    def _set_time(self, now: float) -> None:
+        self.now = max(now, self.now)
+        self.objects.outbox.now = self.now
 
     @property
     def deadline(self) -> float:
@@ -162,7 +166,8 @@ class SimulatedDrive:
             return None
         if cob_id == cob_ids.NMT:
             return self._on_nmt if length == 2 else None
-        state, values = self.objects.nmt.state, self.objects.values
+        state = self.objects.nmt.state
+        values = self.objects.values
         master, timeout = self._supervised_heartbeat
         if timeout and cob_id == cob_ids.HEARTBEAT + master:
             return self._on_heartbeat if length == 1 else None

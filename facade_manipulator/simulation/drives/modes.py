@@ -51,7 +51,9 @@ class SpeedRamp:
     def __init__(
         self, position: float, speed: float = 0.0, acceleration: float = 1.0
     ) -> None:
-        self.position, self.speed, self.acceleration = position, speed, acceleration
+        self.position = position
+        self.speed = speed
+        self.acceleration = acceleration
         self.goal = 0.0
 
     def step(self, step: float) -> float:
@@ -67,7 +69,8 @@ class Idle(SpeedRamp):
     """Absence of a mode: a constant demand, which other modes move as their objects specify."""
 
     def __init__(self, objects: Objects, motor: SimulatedMotor) -> None:
-        self._objects, self._motor = objects, motor
+        self._objects = objects
+        self._motor = motor
         self.enter()
 
     def enter(self) -> None:
@@ -123,9 +126,8 @@ class Homing(Idle):
 
     def __init__(self, objects: Objects, motor: SimulatedMotor) -> None:
         super().__init__(objects, motor)
-        objects.choices[indices.HOMING_METHOD, 0] = {
-            0
-        } | _METHODS.keys() & objects.profile.homing_methods
+        methods = _METHODS.keys() & objects.profile.homing_methods
+        objects.choices[indices.HOMING_METHOD, 0] = {0, *methods}
 
     def enter(self) -> None:
         """Start at rest at the position of the carriage."""
@@ -139,7 +141,8 @@ class Homing(Idle):
             self._home = None
         elif not before & Controlword.HOMING_START:
             self._home = self._find_home(self._objects.values[indices.HOMING_METHOD, 0])
-            self.attained, self._failed = False, self._home is None
+            self.attained = False
+            self._failed = self._home is None
             self.acceleration = self._objects.counts(indices.HOMING_ACCELERATION)
 
     def _find_home(self, method: int) -> float | None:
@@ -147,10 +150,8 @@ class Homing(Idle):
         if method not in _METHODS:
             return None
         edge, side, direction = _METHODS[method]
-        home, turn = (
-            side * getattr(self._motor, edge),
-            self._motor.counts_per_revolution,
-        )
+        home = side * getattr(self._motor, edge)
+        turn = self._motor.counts_per_revolution
         if edge == 'home_switch' and not home:
             return None
         if direction:  # there is one index pulse on each revolution
@@ -161,24 +162,27 @@ class Homing(Idle):
         """Move the demand by a step [s]; return its speed [counts/s]."""
         self.goal = 0.0
         if self._home is not None:
-            way, profile = self._home - self.position, self._objects.profile
-            self.goal = math.copysign(
-                min(
-                    self._objects.counts(indices.HOMING_SPEEDS, 1),
-                    math.sqrt(2.0 * self.acceleration * abs(way)),
-                ),
-                way,
-            )
-            if (
-                abs(way) < 1.0 + 2.0 * self.acceleration * step * step
-            ):  # reached while braking
-                offset = profile.location('home_offset')  # from home to the new zero
-                home = profile.location('home_position')
-                place = offset or home or (indices.HOME_OFFSET, 0)
-                at_home = self._objects.values[place] * (-1 if offset else 1)
-                self._motor.offset = at_home - round(self._home)
-                self._home, self.attained = None, True
+            way = self._home - self.position
+            speed = self._objects.counts(indices.HOMING_SPEEDS, 1)
+            braking = math.sqrt(2.0 * self.acceleration * abs(way))
+            self.goal = math.copysign(min(speed, braking), way)
+            if abs(way) < 1.0 + 2.0 * self.acceleration * step * step:
+                self._count_from(self._home)  # reached while braking
         return super().step(step)
+
+    def _count_from(self, home: float) -> None:
+        """End homing: set the encoder as the objects specify for the home position [counts]."""
+        values = self._objects.values
+        profile = self._objects.profile
+        offset = profile.location('home_offset')  # from home to the new zero
+        if offset is None:
+            place = profile.location('home_position') or (indices.HOME_OFFSET, 0)
+            at_home = values[place]
+        else:
+            at_home = -values[offset]
+        self._motor.offset = at_home - round(home)
+        self._home = None
+        self.attained = True
 
     def status(self) -> int:
         """Return the mode-specific bits of the statusword."""

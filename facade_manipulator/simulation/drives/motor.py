@@ -13,11 +13,17 @@ import math
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.parameters import parameter, settings
 
-LIMITS, HOME_SWITCH = (0x1, 0x2), 0x4  # bits of the digital inputs 60FD
+# bits of the digital inputs 60FDh
+LIMITS = (0x1, 0x2)
+HOME_SWITCH = 0x4
 
 STANDSTILL = 1.0  # counts/s: a slower motor is at rest
-_HARD_STOP, _LIMIT_SWITCH = 0.56, 0.545  # m, from the middle of the rail to both sides
-_PEAK_SPEED, _PEAK_ACCELERATION = 1.0, 20.0  # m/s, m/s²: of the motor
+# from the middle of the rail to both sides
+_HARD_STOP = 0.56  # m
+_LIMIT_SWITCH = 0.545  # m
+# of the motor
+_PEAK_SPEED = 1.0  # m/s
+_PEAK_ACCELERATION = 20.0  # m/s²
 _PEAK_TORQUE = 2000.0  # in thousandths of the rated torque
 
 
@@ -51,7 +57,8 @@ class SimulatedMotor:
 
     def __init__(self, settings: SimulationSettings, scale: AxisSettings) -> None:
         self._settings = settings
-        self._direction, self._per_metre = scale.direction, abs(scale.counts_per_metre)
+        self._direction = scale.direction
+        self._per_metre = abs(scale.counts_per_metre)
         self._force_per_torque = abs(scale.si_per_unit.force)
         # edges of stops and switches from the middle of the rail, to both sides [counts]
         self.hard_stop = _HARD_STOP * self._per_metre
@@ -121,15 +128,16 @@ class SimulatedMotor:
         limits. On a ramp the carriage lags by speed·lag.
         """
         error = demand - self.position - speed * (self.lag + step)
-        size, knee = abs(error), acceleration_limit * self.lag**2
-        if (
-            size > knee
-        ):  # the lag would brake harder than the limit: v² = a (2 |error| - knee)
-            approach = min(
-                math.sqrt(acceleration_limit * (2.0 * size - knee)), size / step
-            )
+        size = abs(error)
+        knee = acceleration_limit * self.lag**2
+        if size > knee:
+            # the lag would brake harder than the limit: v² = a (2 |error| - knee)
+            fastest = math.sqrt(acceleration_limit * (2.0 * size - knee))
+            approach = min(fastest, size / step)
+        elif size:
+            approach = size * (1.0 - math.exp(-step / self.lag)) / step
         else:
-            approach = size * (1.0 - math.exp(-step / self.lag)) / step if size else 0.0
+            approach = 0.0
         wanted = _bounded(speed + math.copysign(approach, error), speed_limit)
         change = _bounded(wanted - self.velocity, acceleration_limit * step)
         self._move(self.velocity + change, step)
@@ -143,7 +151,8 @@ class SimulatedMotor:
         self.velocity = velocity
         self.position += velocity * step
         if abs(self.position) > self.hard_stop:
-            self.position, self.velocity = _bounded(self.position, self.hard_stop), 0.0
+            self.position = _bounded(self.position, self.hard_stop)
+            self.velocity = 0.0
 
 
 def _bounded(value: float, most: float) -> float:

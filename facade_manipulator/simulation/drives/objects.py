@@ -94,11 +94,10 @@ def _dictionary(eds: Path, node_id: int) -> ObjectDictionary:
         *range(indices.TPDO_COMMUNICATION, indices.TPDO_MAPPING),
     ]
     lacking = {index for index, _ in _NEEDED - variables(dictionary).keys()}
-    lacking |= {
-        index + MAPPING_OFFSET
-        for index in pdos
-        if index in dictionary and index + MAPPING_OFFSET not in dictionary
-    }
+    for index in pdos:
+        mapping = index + MAPPING_OFFSET
+        if index in dictionary and mapping not in dictionary:
+            lacking.add(mapping)
     if lacking:
         names = ', '.join(f'{index:04X}h' for index in sorted(lacking))
         raise ParameterError(
@@ -118,7 +117,8 @@ class Outbox:
 
     def __init__(self) -> None:
         self.frames: list[Frame] = []
-        self.now, self.due = 0.0, math.inf
+        self.now = 0.0
+        self.due = math.inf
 
     def send_message(self, can_id: int, data: Sequence[int]) -> None:
         """Store a frame until `take`."""
@@ -129,11 +129,9 @@ class Outbox:
 
     def send_periodic(self, can_id: int, data: Sequence[int], period: float) -> Outbox:
         """Start the heartbeat."""
-        self._beat, self._period, self.due = (
-            (can_id, bytes(data)),
-            period,
-            self.now + period,
-        )
+        self._beat = (can_id, bytes(data))
+        self._period = period
+        self.due = self.now + period
         return self
 
     def update(self, data: Sequence[int]) -> None:
@@ -150,7 +148,8 @@ class Outbox:
             self.frames.append(self._beat)
             # keep the rate, although each call is slightly late
             self.due = max(self.due, self.now - self._period) + self._period
-        frames, self.frames = self.frames, []
+        frames = self.frames
+        self.frames = []
         return frames
 
 
@@ -165,7 +164,8 @@ class Objects(LocalNode):
     def __init__(
         self, profile: DriveProfile, axis: AxisSettings, missing: Collection[int]
     ) -> None:
-        self.profile, self.missing = profile, [*_ABSENT, *missing]
+        self.profile = profile
+        self.missing = [*_ABSENT, *missing]
         self.outbox = Outbox()
         self.values: dict[Key, Any] = {}
         #: in which this drive differs from the EDS after a reset, without and with 1010h
@@ -176,15 +176,15 @@ class Objects(LocalNode):
         #: called before a value is stored; each acts on it or raises an `SdoAbortedError`
         self.writers: dict[Key, Callable[[int], None]] = {_STORE: self._store}
         #: units of speeds per count/s, and of accelerations per count/s², by index
-        self.units = {
-            index: replace(axis, velocity_unit=unit).velocity_units_per_count
-            for unit, quantities in (
-                (profile.velocity_unit, _SPEEDS),
-                (profile.motor_speed_unit, _MOTOR_SPEEDS),
-                (profile.acceleration_unit, _ACCELERATIONS),
-            )
-            for index in quantities
-        }
+        self.units: dict[int, float] = {}
+        for unit, quantities in (
+            (profile.velocity_unit, _SPEEDS),
+            (profile.motor_speed_unit, _MOTOR_SPEEDS),
+            (profile.acceleration_unit, _ACCELERATIONS),
+        ):
+            scaled = replace(axis, velocity_unit=unit)
+            for index in quantities:
+                self.units[index] = scaled.velocity_units_per_count
 
     def restart(self, node_id: int, keeps_application: bool) -> None:
         """
@@ -194,15 +194,15 @@ class Objects(LocalNode):
 
         """
         super().__init__(node_id, _dictionary(self.profile.eds, node_id))
-        self.variables = {
-            key: item
-            for key, item in variables(self.object_dictionary).items()
-            if item.index not in self.missing
-        }
+        self.variables = variables(self.object_dictionary)
+        for key in list(self.variables):
+            if key[0] in self.missing:
+                del self.variables[key]
         self.outbox.stop()
         self.associate_network(self.outbox)  # type: ignore[arg-type]
         # without them the server raises at a segment without an initiated transfer
-        self.sdo._index = self.sdo._subindex = 0
+        self.sdo._index = 0
+        self.sdo._subindex = 0
         self.sdo._buffer = bytearray()
         self.add_read_callback(lambda index, subindex, od: self.read((index, subindex)))
         self.add_write_callback(
@@ -212,23 +212,20 @@ class Objects(LocalNode):
         )
         initial = {key: variable.default for key, variable in self.variables.items()}
         initial |= self.defaults | self.stored
-        self.values.update(
-            (key, value)
-            for key, value in initial.items()
-            if not keeps_application or key[0] in indices.COMMUNICATION
-        )
+        for key, value in initial.items():
+            if not keeps_application or key[0] in indices.COMMUNICATION:
+                self.values[key] = value
 
     def _store(self, signature: int) -> None:
         """Store all writable values, with effect after a reset."""
         if signature != _SAVE:
             raise SdoAbortedError(constants.ABORT_STORE_APPLICATION)
-        self.stored = {
-            key: self.values[key]
-            for key, variable in self.variables.items()
-            if variable.writable
-            and key[0] not in _COMMANDS
-            and self.values[key] != self.defaults.get(key, variable.default)
-        }
+        self.stored = {}
+        for key, variable in self.variables.items():
+            is_setting = variable.writable and key[0] not in _COMMANDS
+            default = self.defaults.get(key, variable.default)
+            if is_setting and self.values[key] != default:
+                self.stored[key] = self.values[key]
 
     def read(self, key: Key) -> Any:
         """Return the present value of an object."""

@@ -35,7 +35,8 @@ class ProcessData:
     """
 
     def __init__(self, objects: Objects, on_short_frame: Callable[[], None]) -> None:
-        self._objects, self._on_short_frame = objects, on_short_frame
+        self._objects = objects
+        self._on_short_frame = on_short_frame
         for communication in _PARAMETERS:
             objects.writers[communication, 1] = self.forget
             for subindex in range(9):
@@ -66,11 +67,11 @@ class ProcessData:
     @cached_property
     def received(self) -> dict[int, PdoMap]:
         """Return the enabled RPDOs by COB-ID."""
-        return {
-            one.cob_id: one
-            for one in _enabled(self._objects.rpdo)
-            if one.cob_id is not None
-        }
+        found = {}
+        for one in _enabled(self._objects.rpdo):
+            if one.cob_id is not None:
+                found[one.cob_id] = one
+        return found
 
     @cached_property
     def _transmitted(self) -> list[PdoMap]:
@@ -82,7 +83,8 @@ class ProcessData:
         if 8 * len(data) < rpdo.length:
             self._on_short_frame()
         else:
-            rpdo.data, rpdo.is_received = bytearray(data), True
+            rpdo.data = bytearray(data)
+            rpdo.is_received = True
 
     def answer_sync(self) -> None:
         """Send the TPDOs that a SYNC requests, with the values of this instant."""

@@ -42,18 +42,16 @@ _LONGEST_STEP = 0.001  # s
 FOLLOWING_ERROR = 0x8611
 SOFTWARE_LIMIT = 0x8A82
 SAFE_TORQUE_OFF = 0x8A88
-_LIMIT_SWITCH_ERRORS = dict(zip(LIMITS, (0x8A80, 0x8A81), strict=True))
+_NEGATIVE_LIMIT, _POSITIVE_LIMIT = LIMITS
+_LIMIT_SWITCH_ERRORS = {_NEGATIVE_LIMIT: 0x8A80, _POSITIVE_LIMIT: 0x8A81}
 _NO_WINDOW = 0xFFFFFFFF
 
-# option codes
-_QUICK_STOP_OPTIONS = _POWER_OFF, _KEEP_STANDING = (
-    2,
-    6,
-)  # 605A, after the quick stop ramp 6085
-_CONNECTION_COMMANDS = {
-    2: Controlword.DISABLE_VOLTAGE,
-    3: Controlword.QUICK_STOP,
-}  # 6007
+# option codes 605Ah, after the quick stop ramp 6085h
+_POWER_OFF = 2
+_KEEP_STANDING = 6
+_QUICK_STOP_OPTIONS = (_POWER_OFF, _KEEP_STANDING)
+# option codes 6007h
+_CONNECTION_COMMANDS = {2: Controlword.DISABLE_VOLTAGE, 3: Controlword.QUICK_STOP}
 
 
 class SimulatedAxis:
@@ -71,20 +69,20 @@ class SimulatedAxis:
         report: Callable[[int], None],
         reset_errors: Callable[[], bool],
     ) -> None:
-        self._objects, self._values, self._motor = objects, objects.values, motor
-        self._report, self._reset_errors = report, reset_errors
-        self.cyclic, self.homing = (
-            CyclicPosition(objects, motor),
-            Homing(objects, motor),
-        )
+        self._objects = objects
+        self._values = objects.values
+        self._motor = motor
+        self._report = report
+        self._reset_errors = reset_errors
+        self.cyclic = CyclicPosition(objects, motor)
+        self.homing = Homing(objects, motor)
         self.modes = {
             Mode.NONE: Idle(objects, motor),
             Mode.CYCLIC_SYNCHRONOUS_POSITION: self.cyclic,
             Mode.HOMING: self.homing,
         }
-        self.torque_off = (
-            False  #: whether safe torque off is open; then there is no power
-        )
+        #: whether safe torque off is open; then there is no power
+        self.torque_off = False
         self._time = -math.inf
         objects.readers.update(
             {
@@ -162,7 +160,8 @@ class SimulatedAxis:
 
     def control(self, controlword: int) -> None:
         """Act on a controlword."""
-        before, self._controlword = self._controlword, controlword
+        before = self._controlword
+        self._controlword = controlword
         command = decode_command(controlword)
         is_permitted = True
         if command is Controlword.FAULT_RESET:  # acts at its rising edge
@@ -218,7 +217,8 @@ class SimulatedAxis:
         if state is self.state or state is State.OPERATION_ENABLED and self.torque_off:
             return
         self.state = state
-        self._stop, self._late = None, 0.0
+        self._stop = None
+        self._late = 0.0
         if state is State.OPERATION_ENABLED:
             self.modes[self._mode].enter()
         elif state in POWERED_STATES:
@@ -247,7 +247,8 @@ class SimulatedAxis:
 
     def advance(self, now: float) -> None:
         """Move from the time of the previous call to `now` [s], which never decreases."""
-        span, self._time = now - self._time, now
+        span = now - self._time
+        self._time = now
         count = math.ceil(span / _LONGEST_STEP - 1e-6) if self.is_moving else 0
         for _ in range(count):
             if self.state in POWERED_STATES:
@@ -257,7 +258,9 @@ class SimulatedAxis:
 
     def _step(self, step: float) -> None:
         """Follow the demand for a step [s]; check following error and switches; end a stop."""
-        objects, motor, demand = self._objects, self._motor, self._demand
+        objects = self._objects
+        motor = self._motor
+        demand = self._demand
         acceleration = motor.peak_acceleration
         if not self._stop:
             configured = objects.counts(indices.MAXIMUM_ACCELERATION)
@@ -282,7 +285,8 @@ class SimulatedAxis:
         if is_late and 1e3 * self._late > longest:
             self._report(FOLLOWING_ERROR)
         inputs = motor.inputs
-        entered, self._switches = inputs & ~self._switches, inputs
+        entered = inputs & ~self._switches
+        self._switches = inputs
         for switch, code in _LIMIT_SWITCH_ERRORS.items():
             if entered & switch and self._mode != Mode.HOMING:
                 self._report(code)

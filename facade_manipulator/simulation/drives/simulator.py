@@ -23,8 +23,10 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
     """Simulated drives that have power and share one bus until the end of the context."""
 
     def __init__(self, bus: can.BusABC, drives: Sequence[SimulatedDrive]) -> None:
-        self._bus, self._drives = CanBus(bus), tuple(drives)
-        self._lock, self._stopping = threading.Lock(), threading.Event()
+        self._bus = CanBus(bus)
+        self._drives = tuple(drives)
+        self._lock = threading.Lock()
+        self._stopping = threading.Event()
         self._thread = threading.Thread(
             target=self._run, name='drive simulator', daemon=True
         )
