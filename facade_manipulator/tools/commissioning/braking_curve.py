@@ -20,7 +20,9 @@ import numpy as np
 
 POSITION_ERROR = 3e-5  # m, of a position at its time: jitter of SYNC and resolution
 _AT_REST = 1e-5  # m, from the rest position
-_DELAYS, _LAGS = 400, 4  # number of values tried
+# number of values tried
+_DELAYS = 400
+_LAGS = 4
 _MOST_LAG = 1.5  # times the lag of the parameters: it differs between speeds and loads
 _MOST = 200.0  # m/s², above any brake of a carriage
 
@@ -62,9 +64,11 @@ def fit_deceleration(
     travelled = np.maximum.accumulate(travelled) - start
     distance = travelled[-1]
     end = int(np.argmax(travelled >= distance - _AT_REST)) + 2
-    times, travelled = times[steady:end], travelled[steady:end]
+    times = times[steady:end]
+    travelled = travelled[steady:end]
 
-    errors, decelerations = list[float](), list[float]()
+    errors: list[float] = []
+    decelerations: list[float] = []
     for servo_lag in np.linspace(0.0, _MOST_LAG * lag, _LAGS):
         longest = max(0.0, distance / speed - servo_lag)
         for delay in np.linspace(0.0, longest, _DELAYS, endpoint=False):

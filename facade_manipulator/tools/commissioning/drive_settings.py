@@ -152,7 +152,8 @@ def read_values(drive: SdoChannel, objects: Objects) -> Steps[dict[Key, Any]]:
 
 def run_restore(context: Context) -> None:
     """Print the differences, ask, write and store the values, and compare them after a reset."""
-    name, path = context.options.axis, context.options.file
+    name = context.options.axis
+    path = context.options.file
     profile = load_profile(context.axes[name].profile)
     objects = variables(read_dictionary(path))
     with context.drive(name) as (bus, drive):
@@ -164,13 +165,12 @@ def run_restore(context: Context) -> None:
                 f'{path} rejected: it is not a DCF of such a drive (1018h); '
                 'next: give a file of commission backup'
             )
-        writes = [
-            _write(key, objects[key])
-            for key, value in present.items()
-            if key[0] not in indices.COMMUNICATION  # `configure` writes these
-            and key not in profile.of_place
-            and objects[key].value not in (None, value)
-        ]
+        writes = []
+        for key, value in present.items():
+            is_of_bus = key[0] in indices.COMMUNICATION  # `configure` writes these
+            is_new = objects[key].value not in (None, value)
+            if is_new and not is_of_bus and key not in profile.of_place:
+                writes.append(_write(key, objects[key]))
         if not writes:
             print(f'{name} agrees with {path}: nothing is written.')
             return

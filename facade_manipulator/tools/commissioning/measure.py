@@ -15,16 +15,17 @@ from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.motion import Motion, powered
 
 HOME_SWITCH = 0x4  # bit in 60FDh
-_APPROACH, _RETREAT = (
-    5e-4,
-    1e-3,
-)  # m/s, m: speed towards the switch, travel back from it
+_APPROACH = 5e-4  # m/s, speed towards the switch
+_RETREAT = 1e-3  # m, travel back from it
 _WIDE_SPREAD = 2e-4  # m; every tenth SYNC reports the inputs, 0.05 mm apart
-_PUSHED, _PATIENCE = 0.002, 120.0  # m, s
-_LAG_SPEEDS, _LAG_TRAVEL = (0.01, 0.04), 0.02  # m/s, m
+_PUSHED = 0.002  # m
+_PATIENCE = 120.0  # s
+_LAG_SPEEDS = (0.01, 0.04)  # m/s
+_LAG_TRAVEL = 0.02  # m
 _DELAY = 2  # cycles from the choice of a target to the SYNC at which the drive should reach it
 _ALIKE = 0.002  # s, maximum difference of the lag of an axis
-_MM, _MS = 1e3, 1e3
+_MM = 1e3
+_MS = 1e3
 # homing methods that search for the home switch, by their initial direction
 _METHODS = {1: (23, 24, 7, 8), -1: (27, 28, 11, 12)}
 
@@ -76,7 +77,8 @@ def run_jog(context: Context) -> None:
 
 def _move(context: Context, distance: float) -> float:
     """Move by a distance [m]; return and print the displacement by the encoder [m]."""
-    name, speed = context.options.axis, context.options.speed
+    name = context.options.axis
+    speed = context.options.speed
     with powered(context, f'by {_MM * distance:+g} mm', abs(distance), speed) as motion:
         for _ in motion.go(math.copysign(speed, distance)):
             pass
@@ -87,7 +89,8 @@ def _move(context: Context, distance: float) -> float:
 
 def run_lead(context: Context) -> None:
     """Move with the present lead, ask for the real distance, and correct the lead."""
-    name, lead = context.options.axis, context.axes[context.options.axis].lead
+    name = context.options.axis
+    lead = context.axes[name].lead
     print(
         f'Mark the place of carriage {name}. The lead is written to {context.overlay.path}.'
     )
@@ -110,10 +113,11 @@ def run_lead(context: Context) -> None:
 
 def run_home_switch(context: Context) -> None:
     """Approach the switch repeatedly; report the spread, and write the homing method."""
-    name, speed, count = (
-        getattr(context.options, one) for one in ('axis', 'speed', 'approaches')
-    )
-    axis, side = context.axes[name], 1 if context.options.towards == '+' else -1
+    name = context.options.axis
+    speed = context.options.speed
+    count = context.options.approaches
+    axis = context.axes[name]
+    side = 1 if context.options.towards == '+' else -1
     with powered(
         context,
         f'{count} times to the home switch of {name} and back',
@@ -150,6 +154,11 @@ def run_home_switch(context: Context) -> None:
     context.record(f'home-switch {name}', {f'{name}.homing_method': methods[0]})
 
 
+def _deviations(axes: dict[str, AxisSnapshot]) -> list[float]:
+    """Return the targets minus the positions of the axes [m]."""
+    return [(one.target or 0.0) - (one.position or 0.0) for one in axes.values()]
+
+
 def _is_on(axis: AxisSnapshot) -> bool:
     return bool((axis.digital_inputs or 0) & HOME_SWITCH)
 
@@ -183,15 +192,7 @@ def run_lag(context: Context) -> None:
     ) as motion:
         for speed in _LAG_SPEEDS:
             list(motion.go(-speed))
-            track = np.array(
-                [
-                    [
-                        (one.target or 0.0) - (one.position or 0.0)
-                        for one in axes.values()
-                    ]
-                    for axes in motion.go(speed)
-                ]
-            )
+            track = np.array([_deviations(axes) for axes in motion.go(speed)])
             at_speed = slice(len(track) // 4, 3 * len(track) // 4)
             errors.append(track[at_speed].mean(axis=0))
     # friction causes the same error at both speeds

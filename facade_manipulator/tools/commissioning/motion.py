@@ -27,13 +27,11 @@ from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 from facade_manipulator.tools.commissioning.context import Context
 
 ACCELERATION = 1.0  # m/s²
-_MOST_RATE = (
-    100  # Hz, rate of the cycles: maximum rate of the snapshots of the controller
-)
-_FOLLOWING_ERROR, _FOLLOWING_TIME = (
-    0.003,
-    0.04,
-)  # m, and s of the speed: a blocked carriage stops
+# Hz, rate of the cycles: maximum rate of the snapshots of the controller
+_MOST_RATE = 100
+# a blocked carriage stops
+_FOLLOWING_ERROR = 0.003  # m
+_FOLLOWING_TIME = 0.04  # s, of the speed
 _MISSED_CYCLES = 10  # this process has no real-time priority: ignore delays of 0.1 s
 _MM = 1e3
 
@@ -46,9 +44,13 @@ class _Ramp:
     """
 
     def __init__(self, moved: tuple[bool, ...], window: float, period: float) -> None:
-        self.displacement = self.speed = self.goal = 0.0
+        self.displacement = 0.0
+        self.speed = 0.0
+        self.goal = 0.0
         self._before = self.displacement, self.speed
-        self._moved, self._window, self._period = moved, window, period
+        self._moved = moved
+        self._window = window
+        self._period = period
 
     @property
     def at_rest(self) -> bool:
@@ -57,7 +59,9 @@ class _Ramp:
 
     def reset(self, positions: PerCarriage) -> None:
         """Start at positions [m]."""
-        self._start, self.displacement, self.speed = positions, 0.0, 0.0
+        self._start = positions
+        self.displacement = 0.0
+        self.speed = 0.0
         self._before = self.displacement, self.speed
 
     def hold(self) -> None:
@@ -74,7 +78,8 @@ class _Ramp:
     def sample(self, reach_time: float) -> PerCarriage:
         """Return the positions one cycle later [m]."""
         self._before = self.displacement, self.speed
-        slack, direction = ACCELERATION * self._period, math.copysign(1.0, self.goal)
+        slack = ACCELERATION * self._period
+        direction = math.copysign(1.0, self.goal)
         room = (
             self._window
             - direction * self.displacement
@@ -103,7 +108,8 @@ class Motion:
             max_missed_cycles=_MISSED_CYCLES,
             rate=min(context.controller.rate, _MOST_RATE),
         )
-        self.period, self.window = settings.period, window
+        self.period = settings.period
+        self.window = window
         self.targets = _Ramp(
             tuple(name in moved for name in AXIS_NAMES), window, self.period
         )
@@ -152,7 +158,8 @@ class Motion:
 
     def go(self, speed: float) -> Iterator[dict[str, AxisSnapshot]]:
         """Move at a speed [m/s] to the end of the window; yield the axes of each cycle."""
-        self.targets.goal, direction = speed, math.copysign(1.0, speed)
+        self.targets.goal = speed
+        direction = math.copysign(1.0, speed)
         while direction * self.targets.displacement < self.window - ROUNDING:
             yield self.turn()
 

@@ -38,7 +38,7 @@ def run_scan(context: Context) -> None:
     problems = []
     with context.bus() as bus:
         serials = bus.serial_numbers(NODE_IDS)
-        known = {one for found in serials.values() for one in found}
+        known = set().union(*serials.values())
         master = lss_master(bus, context.options.lss_timeout)
         # some nodes answer although they have a node id (Lely)
         has_new = find_unknown_slave(master, lambda one: one.serial_number in known)
@@ -52,37 +52,30 @@ def run_scan(context: Context) -> None:
                 )
                 print(f'{node_id:<4}  {shown}')
                 continue
-            vendor, product = (
-                bus.number(node_id, indices.IDENTITY, part) for part in (1, 2)
-            )
-            kind = (
-                fitting_profile(vendor, product)
-                if _is_drive(bus, node_id)
-                else 'not a drive'
-            )
+            vendor = bus.number(node_id, indices.IDENTITY, 1)
+            product = bus.number(node_id, indices.IDENTITY, 2)
+            kind = 'not a drive'
+            if _is_drive(bus, node_id):
+                kind = fitting_profile(vendor, product)
             print(f'{node_id:<4}  {shown:13} {vendor!s:>10} {product!s:>10}  {kind}')
     if has_new:
         problems.append('a drive has no node id; next: commission assign')
     remedy = (
-        'commission assign'
-        if problems
-        else (
-            'check power, plug, termination (60 ohms between CAN high and low) and bit rate'
-        )
+        'check power, plug, termination (60 ohms between CAN high and low) and bit rate'
     )
-    problems += [
-        f'{name} (node {axis.node_id}) does not answer; next: {remedy}'
-        for name, axis in context.axes.items()
-        if axis.node_id not in serials
-    ]
+    if problems:
+        remedy = 'commission assign'
+    for name, axis in context.axes.items():
+        if axis.node_id not in serials:
+            problem = f'{name} (node {axis.node_id}) does not answer; next: {remedy}'
+            problems.append(problem)
     context.record('scan', {}, problems)
 
 
 def _is_drive(bus: ToolBus, node_id: int) -> bool:
     """Return whether a node is a drive instead of an I/O module."""
-    return (
-        bus.number(node_id, indices.DEVICE_TYPE) or 0
-    ) & 0xFFFF == configuration.DEVICE_TYPE
+    device_type = bus.number(node_id, indices.DEVICE_TYPE) or 0
+    return device_type & 0xFFFF == configuration.DEVICE_TYPE
 
 
 def run_assign(context: Context) -> None:

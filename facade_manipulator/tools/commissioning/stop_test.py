@@ -29,7 +29,9 @@ from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.motion import ACCELERATION, Motion, powered
 from facade_manipulator.tools.stopping import COASTING
 
-QUICK_STOP, SILENT_MASTER, POWER_OFF = 'quick stop', 'silent master', 'power off'
+QUICK_STOP = 'quick stop'
+SILENT_MASTER = 'silent master'
+POWER_OFF = 'power off'
 REMEDIES = {
     QUICK_STOP: 'check 6085h, 605Ah, load and supply voltage',
     SILENT_MASTER: 'check 1016h and 6007h',
@@ -42,7 +44,8 @@ _HEARTBEATS = 1.2  # of the heartbeat time: each drive counts 1016h in its own t
 _SLACK = 5e-4  # m, tolerance of positions read at rest
 _LEAST_SHARE = 0.8  # of stop_deceleration, which a quick stop must have for certain
 _LEAST_COASTING = 0.01  # m/s², with two decimals: `stopping` rejects 0.00
-_STANDING, _STANDSTILL = 10, 5e-5  # cycles, and maximum travel in them [m]
+_STANDING = 10  # cycles
+_STANDSTILL = 5e-5  # m, maximum travel in them
 _LONGEST = 5.0  # s
 _MM = 1e3
 
@@ -81,7 +84,8 @@ def run_stop_test(context: Context) -> None:
             bounds = _bounds(motion, track, way)
         lag = motion.controller.settings.drive_lag
         for number, axis in enumerate(motion.controller.axes):
-            name, distance = AXIS_NAMES[number], track.distances[number]
+            name = AXIS_NAMES[number]
+            distance = track.distances[number]
             shown = (
                 f'{name}: {way}, {_MM * distance:.1f} of {_MM * bounds[number]:.1f} mm'
             )
@@ -129,7 +133,8 @@ def _weakness(name: str, measured: Deceleration, configured: float) -> Iterator[
 
 def _stopped(motion: Motion, speed: float, way: str) -> Track:
     """Bring the carriages to a speed [m/s] and stop them; return their positions until rest."""
-    times, positions = list[float](), list[list[float]]()
+    times: list[float] = []
+    positions: list[list[float]] = []
 
     def record(axes: dict[str, AxisSnapshot]) -> None:
         times.append(motion.sync_time)
@@ -187,7 +192,8 @@ def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
 
 def _bounds(motion: Motion, track: Track, way: str) -> np.ndarray:
     """Return the stopping distances that the stopping analysis assumes, shape (3,) [m]."""
-    controller, settings = motion.controller, motion.controller.settings
+    controller = motion.controller
+    settings = controller.settings
     silence = _HEARTBEATS * settings.heartbeat_timeout if way == SILENT_MASTER else 0.0
     delay = settings.drive_lag + _CYCLES * motion.period + silence
     assumed = np.array(
