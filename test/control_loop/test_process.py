@@ -270,3 +270,18 @@ def test_unanswered_feeds_never_fill_the_channel():
     peer.node.feed()
     assert ('feed',) in peer.taken()
     assert not peer.process.kill.called
+
+
+def test_limits_above_the_drives_start_no_process():
+    limits = replace(SETUP.limits, speed=5.0)
+    launch = Mock()
+    with pytest.raises(ParameterError, match='limits.speed = 5 m/s is above'):
+        LoopClient(replace(SETUP, limits=limits), Mock(), launch)
+    launch.assert_not_called()
+
+
+def test_live_limits_are_checked_against_the_drives():
+    peer = Peer()
+    peer.node.check(replace(SETUP.limits, speed=0.1))
+    with pytest.raises(ParameterError, match='limits.speed = 5 m/s is above'):
+        peer.node.check(replace(SETUP.limits, speed=5.0))
