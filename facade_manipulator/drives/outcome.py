@@ -35,7 +35,7 @@ class NodeProblems(NamedTuple):
 NO_PROBLEMS = NodeProblems()
 
 
-class Outcome(NamedTuple):
+class DriverOutcome(NamedTuple):
     """State of the driver for the operator; each change is published, changed counters are not."""
 
     state: str
@@ -56,7 +56,7 @@ def outcome_of(
     snapshot: ControllerSnapshot,
     activity: str = '',
     problems: NodeProblems = NO_PROBLEMS,
-) -> Outcome:
+) -> DriverOutcome:
     """
     Return the outcome of a snapshot.
 
@@ -84,7 +84,7 @@ def outcome_of(
         # the next step of a failed request may be done
         failure = problems.last_failure.partition(NEXT)[0]
         message = joined(f'{state.value}{following}', failure, slow)
-    return Outcome(
+    return DriverOutcome(
         state.value,
         activity,
         snapshot.cause,

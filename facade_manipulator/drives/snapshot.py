@@ -226,23 +226,10 @@ class ControllerSnapshot(NamedTuple):
             ),
         )
 
-    def outcome(self) -> tuple[Any, ...]:
-        """Return the values that determine the levels and messages in /diagnostics."""
-        return (
-            self.state,
-            self.causes[:1],
-            self.next_step,
-            self.bus_error,
-            tuple(
-                [
-                    (
-                        axis.state,
-                        axis.homed,
-                        axis.error_code,
-                        axis.is_silent,
-                        axis.warning,
-                    )
-                    for axis in self.axes
-                ]
-            ),
-        )
+    def component_states(self) -> tuple[Any, ...]:
+        """Return the values that determine levels and messages of the bus and of each axis."""
+        axes = [
+            (axis.state, axis.homed, axis.error_code, axis.is_silent, axis.warning)
+            for axis in self.axes
+        ]
+        return self.bus_error, axes

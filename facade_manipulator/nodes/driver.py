@@ -28,7 +28,7 @@ from facade_manipulator.control_loop.process import (
     start_process,
 )
 from facade_manipulator.drives.controller_settings import STATES_RATE
-from facade_manipulator.drives.outcome import NodeProblems, Outcome, outcome_of
+from facade_manipulator.drives.outcome import DriverOutcome, NodeProblems, outcome_of
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import (
     DriveError,
@@ -87,8 +87,8 @@ class DriverNode(ManagedNode):
             'version': version('facade_manipulator'),
         }
         self._published_stamp: float | None = None  # of joint_states
-        self._published_outcome: Outcome | None = None
-        self._published_axes: Any = None  # their states, and that of the bus
+        self._published_outcome: DriverOutcome | None = None
+        self._published_states: Any = None  # of bus and axes, on /diagnostics
         self._status_due = -math.inf  # s, monotonic
         self._active_since = math.inf  # s, monotonic
         self._stops = driver_diagnostics.StopCounter()
@@ -229,11 +229,11 @@ class DriverNode(ManagedNode):
             self._published_outcome = self._outcome()
             self._status_due = now + STATUS_PERIOD
             self._status.publish(self._operation())
-        if has_changed or snapshot.outcome() != self._published_axes:
-            self._published_axes = snapshot.outcome()
+        if has_changed or snapshot.component_states() != self._published_states:
+            self._published_states = snapshot.component_states()
             self.diagnostics.publish()
 
-    def _outcome(self) -> Outcome:
+    def _outcome(self) -> DriverOutcome:
         """Return state, cause and next step with the problems that this node detects."""
         problems = NodeProblems(
             self.last_failure,

@@ -6,7 +6,12 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from facade_manipulator.drives.outcome import ERRORS, Outcome, outcome_of, overload
+from facade_manipulator.drives.outcome import (
+    DriverOutcome,
+    ERRORS,
+    outcome_of,
+    overload,
+)
 from facade_manipulator.drives.realtime import NO_PRIORITY
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
@@ -52,7 +57,7 @@ class StopCounter:
 
 
 def operation_status(
-    outcome: Outcome,
+    outcome: DriverOutcome,
     snapshot: ControllerSnapshot,
     stream: StreamStatus,
     active_since: float,
