@@ -34,9 +34,7 @@ def snapshot(*changes, **others):
 
 def reported(one):
     """Return the values whose change the driver publishes."""
-    if hasattr(one, 'component_states'):
-        return outcome_of(one), one.component_states()
-    return one.outcome()
+    return outcome_of(one), one.component_states()
 
 
 @pytest.mark.parametrize(
