@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-import math
 from time import monotonic
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
@@ -17,8 +16,9 @@ from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Pose
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
-from facade_manipulator.motion.reference import HeadMotion, ReferencePath
-from facade_manipulator.motion.setpoints import SetpointStream, STREAM_GAP
+from facade_manipulator.motion.pose_follower import PoseFollower, RailPose
+from facade_manipulator.motion.reference import ReferencePath
+from facade_manipulator.motion.setpoints import Setpoint, SetpointStream
 from facade_manipulator.nodes import command_gate, conversions, messages
 from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.command_gate import CommandGate, watch_driver
@@ -42,15 +42,6 @@ if TYPE_CHECKING:
 ACTUATOR_SPACE = 'actuator_space'
 APPROACH_PERIOD = 0.01  # s
 REASON = 'reason', 'quantity', 'value', 'bound', 'unit'  # of a rejected request
-LEAD = 0.05  # s, by which the setpoints of an approach are sent ahead of their time
-
-
-class RailPose(NamedTuple):
-    """Pose of the head in frame `rail` for an instant."""
-
-    time: float  #: [s, monotonic]
-    pose: Pose
-    received: float  #: [s, monotonic]
 
 
 class IkServiceNode(BaseNode):
@@ -70,14 +61,10 @@ class IkServiceNode(BaseNode):
         super().__init__('ik_service', **kwargs)
         setup = IkServiceSetup.read(NodeParameters(self))
         self._stream = SetpointStream(setup.geometry, setup.reference.min_conditioning)
-        self._approach = ReferencePath(setup.reference)
+        self._poses = PoseFollower(self._stream, ReferencePath(setup.reference))
         self._approach_timer = steady_timer(
             self, APPROACH_PERIOD, self._continue_approach, autostart=False
         )
-        self._followed_time = -math.inf  # of the last followed pose [s, monotonic]
-        # the first pose after a pause: it begins a stream, or an approach if no other follows
-        self._first: RailPose | None = None
-        self._is_at_rest = True  # before the approach has begun
         self._head: Pose | None = None
         # receives each pose of the head, in a compensator of this process
         self._add_head: Callable[[float, Pose], None] | None = None
@@ -150,25 +137,15 @@ class IkServiceNode(BaseNode):
         self._gate.offer(command)
 
     def _follow(self, command: RailPose) -> None:
-        """Follow a pose of a stream; approach a single pose."""
-        pose = command.pose
-        time = command.time
-        if monotonic() - command.received > command_gate.PERIOD:
-            time = monotonic()  # the gate has held the pose
-        is_first = abs(time - self._followed_time) > STREAM_GAP
-        if is_first:  # an approach begins at the head
+        """Follow a pose of a stream; approach a single pose from the head."""
+        now = monotonic()
+        if now - command.received > command_gate.PERIOD:
+            command = command._replace(time=now)  # the gate has held the pose
+        if self._poses.is_first(command):
             self.inputs.require_sole(topics.JOINT_STATES.name)
-        self._followed_time = time
-        if is_first and self._head is not None:
-            self._stream.certify(pose)
-            self._first = command
-            if self._approach_timer.is_canceled():
-                self._is_at_rest = True
-                self._stream.setpoint(time, pose)  # the next pose has a velocity
-                self._approach_timer.reset()
-        else:
-            self._cancel_approach()
-            self._send(time, pose)
+        self._send(self._poses.follow(command, self._head))
+        if self._poses.is_approaching and self._approach_timer.is_canceled():
+            self._approach_timer.reset()
 
     def _reject(self, _: RailPose, error: ManipulatorError) -> None:
         """Count a pose that is not followed; while the gate is closed the outcome is known."""
@@ -178,44 +155,24 @@ class IkServiceNode(BaseNode):
 
     def _end_commands(self) -> None:
         """Forget the poses from before a stop or the activation of the drives."""
-        self._cancel_approach()
+        self._poses.end()
         self._rejected = ''
 
-    def _cancel_approach(self) -> None:
-        self._first = None
-        self._approach_timer.cancel()
-
-    def _begin_approach(self, pose: Pose) -> None:
-        """Begin to approach a pose that no other pose has followed."""
-        self._first = None
-        begin = monotonic() + LEAD
-        if not self._is_at_rest:
-            self._approach.retarget(begin, pose)
-        elif self._head is not None:
-            self._approach.initialise(begin, HeadMotion(self._head), pose)
-        else:
-            self._approach.initialise(begin, HeadMotion(pose), pose)
-        self._is_at_rest = False
-
     def _continue_approach(self) -> None:
-        """Send the next setpoint of an approach; begin an approach that is due."""
-        first = self._first
-        if first is not None and monotonic() - first.received > STREAM_GAP:
-            self._begin_approach(first.pose)
-        if self._is_at_rest:
-            return
-        time = monotonic() + LEAD
-        if time >= self._approach.arrival() and self._first is None:
-            self._approach_timer.cancel()
+        """Send the next setpoint of an approach."""
         try:
-            self._send(time, self._approach.at(time).position)
+            self._send(self._poses.step(monotonic(), self._head))
         except ManipulatorError as error:
             self.diagnostics.reject(error, 'approach')
             self._end_approach(None, error)
+        if not self._poses.is_approaching:
+            self._approach_timer.cancel()
 
-    def _send(self, time: float, pose: Pose) -> None:
-        """Publish the setpoint of a pose for a time [s, monotonic]."""
-        _, position, velocity = self._stream.setpoint(time, pose)
+    def _send(self, setpoint: Setpoint | None) -> None:
+        """Publish a setpoint; a single pose has none before its approach."""
+        if setpoint is None:
+            return
+        time, position, velocity = setpoint
         self._setpoints.publish(
             joint_state(
                 system_time(time), position, velocity, message=self._setpoint_message
@@ -226,7 +183,7 @@ class IkServiceNode(BaseNode):
 
     def _end_approach(self, _: PoseStamped | None, error: ManipulatorError) -> None:
         """End the approach, because a goal or a pose on the path to the goal is rejected."""
-        self._cancel_approach()
+        self._poses.end()
         self._rejected = str(error)
 
     def _receive_joint_states(self, message: JointState) -> None:

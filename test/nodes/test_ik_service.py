@@ -20,10 +20,11 @@ from facade_manipulator.kinematics import (
     urdf,
 )
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
+from facade_manipulator.motion.pose_follower import LEAD
 from facade_manipulator.motion.reference import ReferenceSettings
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped
 from facade_manipulator.nodes.driver_status import SILENT
-from facade_manipulator.nodes.ik_service import IkServiceNode, LEAD
+from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.messages import planar_pose, seconds, status_values
 
 GEOMETRY = Geometry()
@@ -65,7 +66,7 @@ class Bench(NodeBench):
 
     @property
     def is_approaching(self):
-        return not self.tested._approach_timer.is_canceled()
+        return self.tested._poses.is_approaching
 
 
 @pytest.fixture
@@ -144,7 +145,7 @@ def test_single_pose_is_approached_after_clock_is_set_back(bench):
     bench.send(MIDDLE, bench.now())
     bench.until(lambda: bench.setpoints and not bench.is_approaching, 'the approach')
     count = len(bench.setpoints)
-    bench.tested._followed_time += (
+    bench.tested._poses._newest_time += (
         600.0  # the previous pose was stamped before the step
     )
     bench.send(MIDDLE._replace(x=MIDDLE.x + 0.1), bench.now())
