@@ -50,24 +50,24 @@ class RailMotion(NamedTuple):
 
 
 class DisturbanceEstimator:
-    """Extended Kalman filter for pose and velocity of the rail."""
+    """
+    Extended Kalman filter for pose and velocity of the rail.
+
+    The node adds each measurement when it arrives, and calls `advance` in each cycle.
+    """
 
     def __init__(self, setup: EstimatorSetup) -> None:
         self._gate = ImuGate(setup.imu)
-        # each level once, the wall itself first
+        # each level once, the wall itself first; the distance sensors share them
         offsets = dict.fromkeys((0.0, *setup.wall.levels))
-        self._levels = [Level(offset) for offset in offsets]
+        levels = [Level(offset) for offset in offsets]
         #: the sensors of the wall by their names
         self.channels: dict[str, Channel] = {}
-        self._distances: list[Channel] = []
         states: list[model.SensorState] = []
         for sensor in model.make_sensors(setup):
-            is_distance = sensor.name in setup.distances
-            levels = self._levels if is_distance else [Level(0.0)]
-            channel = Channel(sensor, levels)
-            self.channels[sensor.name] = channel
-            if is_distance:
-                self._distances.append(channel)
+            is_distance = isinstance(sensor, model.DistanceSensor)
+            own_levels = levels if is_distance else [Level(0.0)]
+            self.channels[sensor.name] = Channel(sensor, own_levels)
             states += sensor.states
         self._middle = model.pose_sensors('rail', (0.0, 0.0, 0.0), 0.0, setup.imu)
         self._process = model.Process(setup.imu, states)
@@ -83,9 +83,7 @@ class DisturbanceEstimator:
         if reason:
             self._note('all', f'{reason}: all axes restart')
         self._history = History(self._process, self._correct, self._now - OLDEST)
-        self._gate.stamp = -math.inf
-        self._imu_arrival = -math.inf
-        self._last_input: tuple[float, ...] = ()
+        self._gate.reset()
         self._comparison = YawComparison()
         self.started: set[int] = set()  #: axes that are known
         self.is_coasting = True  #: whether the filter runs without the IMU
@@ -114,10 +112,9 @@ class DisturbanceEstimator:
         """
         self._set_time(now)
         before = self._gate.stamp
+        last = self._gate.newest
         stamp, newest = self._gate.check(now, stamp, rates, forces)
-        self._imu_arrival = now
-        mean = mean_input(self._last_input or newest, newest, 0.5)
-        self._last_input = newest
+        mean = mean_input(last or newest, newest, 0.5)
         # The first interval is infinite; any value will do, because only changes are compared.
         self._comparison.turned += newest[2] * min(stamp - before, SILENCE)
         if self.is_coasting:
@@ -164,7 +161,7 @@ class DisturbanceEstimator:
         """Return the newest motion of the rail; None before the first start or after a fault."""
         self._set_time(now)
         # by arrival: stamps of a late IMU would always seem old
-        silence = now - self._imu_arrival
+        silence = now - self._gate.arrival
         if silence > SILENCE:
             if not self.is_coasting:
                 self.is_coasting = True
@@ -195,11 +192,21 @@ class DisturbanceEstimator:
 
     def _groups(self) -> list[list[Channel]]:
         """Return the sensors that start together: all distances, and each other sensor."""
-        groups = [self._distances] if self._distances else []
+        distances = self._distances
+        groups = [distances] if distances else []
         for channel in self.channels.values():
-            if channel not in self._distances:
+            if channel not in distances:
                 groups.append([channel])
         return groups
+
+    @property
+    def _distances(self) -> list[Channel]:
+        """Return the distance sensors, which measure the same axes and share their levels."""
+        found = []
+        for channel in self.channels.values():
+            if isinstance(channel.sensor, model.DistanceSensor):
+                found.append(channel)
+        return found
 
     def _correct(self, step: Step, measurement: Measurement) -> model.FilterState:
         """Return the state of a step after the update with a measurement."""
@@ -264,7 +271,7 @@ class DisturbanceEstimator:
         middle = self._middle[X].lever
         mountings = np.subtract([one.sensor.lever for one in ready], middle)
         values = [one.first.densest() for one in ready]
-        offsets = [level.offset for level in self._levels]
+        offsets = [level.offset for level in ready[0].levels]
         sensor = ready[0].sensor
         sensor.distance, y, yaw = start.start_at_wall(
             sensor.distance, mountings, values, offsets

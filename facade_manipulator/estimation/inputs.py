@@ -48,9 +48,15 @@ class ImuGate:
     def __init__(self, settings: ImuSettings) -> None:
         self._delay = settings.delay
         self._rotation = rotation(*settings.mounting[3:]).tolist()
-        self.stamp = -math.inf  #: of the newest measurement [s]
+        self.reset()
         # mean acceleration of about the last second [m/s²]
         self._mean = [0.0, 0.0, GRAVITY]
+
+    def reset(self) -> None:
+        """Forget the newest measurement."""
+        self.stamp = -math.inf  #: of the newest measurement [s]
+        self.arrival = -math.inf  #: of the newest measurement [s]
+        self.newest: tuple[float, ...] = ()  #: its rates and forces along the rail
 
     def check(
         self, now: float, stamp: float, rates: Sequence[float], forces: Sequence[float]
@@ -81,7 +87,9 @@ class ImuGate:
         self._require_below('acceleration', math.hypot(*forces), LARGEST_FORCE, 'm/s^2')
         self._require_upright()
         self.stamp = stamp
-        return stamp, (*turned, *forced)
+        self.arrival = now
+        self.newest = (*turned, *forced)
+        return stamp, self.newest
 
     def _along_rail(self, values: Sequence[float]) -> list[float]:
         """Return a vector along the axes of the rail instead of those of the IMU."""

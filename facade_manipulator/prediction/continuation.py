@@ -56,7 +56,22 @@ ERROR, RIGHT, STEP = range(3)
 
 
 class Sample(NamedTuple):
-    """Forecast of all axes after an estimate, with the parameters of `Continuation.add`."""
+    """
+    Forecast of all axes after an estimate.
+
+    Parameters
+    ----------
+    stamp, interval : float
+        Time of the estimate, and time since the previous estimate [s].
+    level : numpy.ndarray, shape (axes,)
+        Positions from which moves count [m or rad].
+    seen : numpy.ndarray, shape (axes, FEATURES)
+        Features φ [m or rad].
+    forecasts : numpy.ndarray, shape (3, axes, HORIZONS)
+        Positions, positions without tones, and the step from the latter towards the tones
+        [m or rad].
+
+    """
 
     stamp: float
     interval: float
@@ -106,31 +121,9 @@ class Continuation:
         """Return the stamp of the oldest sample, which is not learnt yet [s]."""
         return self._samples[0].stamp if self._samples else math.inf
 
-    def add(
-        self,
-        stamp: float,
-        interval: float,
-        level: np.ndarray,
-        seen: np.ndarray,
-        forecasts: np.ndarray,
-    ) -> None:
-        """
-        Keep a sample until its longest horizon has passed.
-
-        Parameters
-        ----------
-        stamp, interval : float
-            Time of the estimate, and time since the previous estimate [s].
-        level : numpy.ndarray, shape (axes,)
-            Positions from which moves count [m or rad].
-        seen : numpy.ndarray, shape (axes, FEATURES)
-            Features φ [m or rad].
-        forecasts : numpy.ndarray, shape (3, axes, HORIZONS)
-            Positions, positions without tones, and the step from the latter towards the tones
-            [m or rad].
-
-        """
-        self._samples.append(Sample(stamp, interval, level, seen, forecasts))
+    def add(self, sample: Sample) -> None:
+        """Keep a sample until its longest horizon has passed."""
+        self._samples.append(sample)
 
     def weaken(self, share: np.ndarray) -> None:
         """Reduce the learnt time of each axis to a share of it."""

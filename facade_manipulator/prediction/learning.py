@@ -1,9 +1,9 @@
 """
 Learning of the forecast in turns: a group of horizons of all axes, and the tones of one axis.
 
-All at once would take several milliseconds. The near horizons are learnt three times as often as
-the far horizons. The prior of the continuation needs the strength of the motion: the largest
-squared acceleration that the level filter has shown, with slow forgetting.
+In turns, no estimate takes much longer than the others. The near horizons are learnt three times
+as often as the far horizons. The prior of the continuation needs the strength of the motion: the
+largest squared acceleration that the level filter has shown, with slow forgetting.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from facade_manipulator.prediction.continuation import Continuation, UNKNOWN
+from facade_manipulator.prediction.continuation import Continuation, Sample, UNKNOWN
 from facade_manipulator.prediction.filters import ACCELERATION, BANDWIDTHS, LEVEL
 from facade_manipulator.prediction.positions import Positions
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
@@ -83,17 +83,10 @@ class Learning:
             return self.variances[axis][0]
         return float(np.interp(ahead, HORIZONS, self.variances[axis], right=UNKNOWN))
 
-    def add(
-        self,
-        stamp: float,
-        interval: float,
-        level: np.ndarray,
-        seen: np.ndarray,
-        forecasts: np.ndarray,
-    ) -> None:
-        """Keep a sample, with the parameters of `Continuation.add`."""
+    def add(self, sample: Sample) -> None:
+        """Keep the forecast after an estimate, to learn from it later."""
         for group in self._groups:
-            group.add(stamp, interval, level, seen, forecasts)
+            group.add(sample)
 
     def update(
         self,

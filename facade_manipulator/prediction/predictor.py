@@ -37,6 +37,7 @@ import math
 import numpy as np
 
 from facade_manipulator.kinematics import MotionState, Pose, Twist
+from facade_manipulator.prediction.continuation import Sample
 from facade_manipulator.prediction.doubt import Doubt
 from facade_manipulator.prediction.filters import FilterBank
 from facade_manipulator.prediction.jumps import DECISION_TIME, JumpDecision
@@ -241,7 +242,7 @@ class DisturbancePredictor:
         is_doubted = bool(self._doubt.is_doubted.any())
         self._positions.add(self.stamp, self._values, self._left_out, is_doubted)
         forecasts = np.array((final, continued, step))
-        learning.add(self.stamp, interval, level, seen, forecasts)
+        learning.add(Sample(self.stamp, interval, level, seen, forecasts))
 
 
 def _clipped(values: np.ndarray, bounds: np.ndarray) -> np.ndarray:

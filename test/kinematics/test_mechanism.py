@@ -19,7 +19,9 @@ from facade_manipulator.errors import (
 from facade_manipulator.kinematics import (
     assembly_modes,
     Carriages,
+    forward_kinematics,
     Geometry,
+    inverse_kinematics,
     jacobian,
     local_conditioning_index,
     Mechanism,
@@ -55,6 +57,20 @@ def machines(draw):
     pose = machine.head(draw(workspace_poses(NO_GAP)))
     assume(passes(machine.certify, pose))
     return machine, pose
+
+
+@given(machines())
+def test_functions_of_a_geometry_ignore_its_errors(drawn):
+    machine, pose = drawn
+    with_errors = machine.geometry
+    drawing = Geometry(carriage_gap=0.0, stroke=(-0.6, 0.6))
+    assume(passes(Mechanism(drawing).certify, pose))
+    carriages = inverse_kinematics(drawing, pose)
+    assert inverse_kinematics(with_errors, pose) == carriages
+    assert forward_kinematics(with_errors, carriages) == forward_kinematics(
+        drawing, carriages
+    )
+    assert (jacobian(with_errors, pose) == jacobian(drawing, pose)).all()
 
 
 @given(machines())

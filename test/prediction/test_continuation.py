@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
-from facade_manipulator.prediction.continuation import Continuation
+from facade_manipulator.prediction.continuation import Continuation, Sample
 from facade_manipulator.prediction.filters import (
     BANDWIDTHS,
     FEATURES,
@@ -112,9 +112,8 @@ def learnt(seconds, weights, noise=0.0):
         forecast, zero = np.zeros((2, 1, len(HORIZONS)))
         forecast[:, NEAR] = (past[-1][:, None] @ continuation.weights)[:, 0]
         positions.add(stamp, value, np.zeros(1), False)
-        continuation.add(
-            stamp, 0.05, np.zeros(1), past[-1], np.stack((zero, forecast, zero))
-        )
+        forecasts = np.stack((zero, forecast, zero))
+        continuation.add(Sample(stamp, 0.05, np.zeros(1), past[-1], forecasts))
         continuation.learn(np.full(1, noise**2), positions)
     continuation.solve(NO_NOISE, NO_NOISE, NO_TONES)
     return continuation
@@ -146,13 +145,9 @@ def test_trust_is_the_right_share_of_the_step(share):
         steps, zero = np.zeros((2, 1, len(HORIZONS)))
         steps[:, NEAR] = wave[k + 1 : k + 5]  # the next values, 0.05 s apart
         positions.add(0.05 * k, share * wave[k : k + 1], np.zeros(1), False)
-        continuation.add(
-            0.05 * k,
-            0.05,
-            np.zeros(1),
-            np.zeros((1, FEATURES)),
-            np.stack((zero, zero, steps)),
-        )
+        forecasts = np.stack((zero, zero, steps))
+        seen = np.zeros((1, FEATURES))
+        continuation.add(Sample(0.05 * k, 0.05, np.zeros(1), seen, forecasts))
         continuation.learn(noise, positions)
     continuation.solve(np.ones(1), noise, tones)
     assert continuation.trust == pytest.approx(np.full((1, 4), share), abs=1e-3)
