@@ -89,7 +89,7 @@ def platforms(
     import numpy as np
 
     f0, f1, f2, f3, y0_square = _cubic(length, half, left, right)
-    sides = Sides(length, length, half, half)
+    sides = (length, length, half, half)
     found = []
     for root in np.roots([-f3, f2, -f1, f0]).tolist():
         u = min(2.0, max(0.0, root.real))
@@ -209,13 +209,14 @@ def require_branch(
     except ValueError:
         raise _not_on_branch() from None
     _, cosine, _, _, s1, s2 = at
-    projection1 = left + sides.half1 * cosine
-    projection2 = sides.half2 * cosine - right
+    _, _, half1, half2 = sides
+    projection1 = left + half1 * cosine
+    projection2 = half2 * cosine - right
     error1 = abs(projection1 * projection1 - s1 * s1)
     error2 = abs(projection2 * projection2 - s2 * s2)
     if max(error1, error2) >= CLOSED or min(y, projection1, projection2) <= 0.0:
         raise _not_on_branch()
-    require_regular(branch_number(at, sides.half1, sides.half2))
+    require_regular(branch_number(at, half1, half2))
 
 
 def _not_on_branch() -> UnreachableError:

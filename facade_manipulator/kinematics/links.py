@@ -82,9 +82,10 @@ def x_interval(
     projection2: Number,
 ) -> tuple[Number, Number]:
     """Return the x at which A1 is at the minimum and A2 at the maximum of the stroke [m]."""
+    _, _, half1, half2 = sides
     minimum, maximum = stroke
-    lower = minimum + sides.half1 * cosine - projection1
-    upper = maximum - sides.half2 * cosine + projection2
+    lower = minimum + half1 * cosine - projection1
+    upper = maximum - half2 * cosine + projection2
     return lower, upper
 
 

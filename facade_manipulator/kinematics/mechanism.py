@@ -61,7 +61,8 @@ MIN_CONDITIONING = 0.05
 _new_tuple = tuple.__new__  # creates a named tuple in half the time of its constructor
 # writes into any buffer, also an array
 _pack_matrix: Callable[..., None] = struct.Struct('9d').pack_into
-_Row = tuple[float, float, float]  # of the Jacobian
+# the rows of q1, q2 and q3 in the Jacobian
+_Rows = tuple[float, float, float, float, float, float, float, float, float]
 
 
 def _empty(shape: tuple[int, int]) -> np.ndarray:
@@ -169,20 +170,19 @@ class Mechanism:
         """Return the Jacobian from rates of the head to carriage rates [1, 1, m/rad]."""
         matrix = _empty((3, 3))
         # a third of the time of np.array() on nested tuples
-        row1, row2, row3 = self._rows(pose)
-        _pack_matrix(matrix, 0, *row1, *row2, *row3)
+        _pack_matrix(matrix, 0, *self._rows(pose))
         return matrix
 
     def carriage_velocity(self, pose: Pose, velocity: Twist) -> Carriages:
         """Return the carriage velocities J·v for a velocity v of the head [m/s]."""
-        (x1, y1, t1), (x2, y2, t2), (x3, y3, t3) = self._rows(pose)
+        x1, y1, t1, x2, y2, t2, x3, y3, t3 = self._rows(pose)
         vx, vy, omega = velocity
         rate1 = x1 * vx + y1 * vy + t1 * omega
         rate2 = x2 * vx + y2 * vy + t2 * omega
         rate3 = x3 * vx + y3 * vy + t3 * omega
         return Carriages(rate1, rate2, rate3)
 
-    def _rows(self, pose: Pose) -> tuple[_Row, _Row, _Row]:
+    def _rows(self, pose: Pose) -> _Rows:
         """
         Return the rows of the Jacobian: those of `links`, times the rates of P from the head's.
 
@@ -197,15 +197,23 @@ class Mechanism:
         t1 = half1 * (sine - y1 * cosine)
         t2 = half2 * (y2 * cosine - sine)
         if self._is_aligned:
-            return (1.0, y1, t1), (1.0, y2, t2), (1.0, 0.0, 0.0)
+            return 1.0, y1, t1, 1.0, y2, t2, 1.0, 0.0, 0.0
 
         c = cos(self._rail.theta)
         s = sin(self._rail.theta)
         tx = cosine * self._tool.x - sine * self._tool.y
         ty = sine * self._tool.x + cosine * self._tool.y
-        row1 = (c - y1 * s, s + y1 * c, ty - y1 * tx + t1)
-        row2 = (c - y2 * s, s + y2 * c, ty - y2 * tx + t2)
-        return row1, row2, (c, s, ty)
+        return (
+            c - y1 * s,
+            s + y1 * c,
+            ty - y1 * tx + t1,
+            c - y2 * s,
+            s + y2 * c,
+            ty - y2 * tx + t2,
+            c,
+            s,
+            ty,
+        )
 
     def end_effector_force(self, pose: Pose, carriage_forces: Carriages) -> Wrench:
         """
