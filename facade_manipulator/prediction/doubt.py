@@ -36,6 +36,7 @@ class Doubt:
     ----------
     is_doubted, is_wrong : numpy.ndarray, shape (axes,)
         Whether the estimates of an axis are doubted, and whether they count as wrong at present.
+    is_any_doubted : bool
 
     """
 
@@ -45,6 +46,7 @@ class Doubt:
         self._spread = np.full(axes, START_SPREAD)
         self._newest: list[Pieces] = []
         self._trusted: list[tuple[float, Pieces]] = []  # stamp and spline of each axis
+        self.is_any_doubted = False
         self.is_doubted = np.zeros(axes, bool)
         self.is_wrong = np.zeros(axes, bool)
 
@@ -96,9 +98,12 @@ class Doubt:
             Takes an axis and a time [s], and returns the variance of the prediction after it.
 
         """
+        spreads = self._spread.tolist()
+        positions = values.tolist()
         decisions = []
-        for axis, detector in enumerate(self._detectors):
-            spread = float(self._spread[axis])
+        for axis, error in enumerate(errors.tolist()):
+            detector = self._detectors[axis]
+            spread = spreads[axis]
             ahead = stamp - self._trusted[axis][0]
             deviation = math.sqrt(variance(axis, ahead) + spread)
 
@@ -107,12 +112,13 @@ class Doubt:
             if detector.is_doubted:
                 newest, _ = motion(self._newest[axis], min(interval, LAST))
                 newest_deviation = math.sqrt(variance(axis, interval) + spread)
-                difference = abs(float(values[axis]) - newest)
+                difference = abs(positions[axis] - newest)
                 is_followed = difference < DOUBT * newest_deviation
 
-            error = float(errors[axis])
             decisions.append(detector.evaluate(stamp, error, deviation, is_followed))
 
-        self.is_doubted = np.array([one.is_doubted for one in self._detectors])
+        doubted = [one.is_doubted for one in self._detectors]
+        self.is_any_doubted = any(doubted)
+        self.is_doubted = np.array(doubted)
         self.is_wrong = np.array([one.is_wrong for one in self._detectors])
         return decisions

@@ -179,6 +179,7 @@ class DisturbancePredictor:
         """Decide which estimates are wrong; return the axes whose estimator has stepped."""
         values = measured - self._origin
         variance = self._learning.variance
+        was_doubted = self._doubt.is_any_doubted
         self._doubt.fade(self._interval, noise)
         decisions = self._doubt.decide(stamp, interval, values, error, variance)
         has_stepped = np.array([one is JumpDecision.STEP for one in decisions])
@@ -186,8 +187,9 @@ class DisturbancePredictor:
         were_wrong |= has_stepped
 
         self._origin = np.where(has_stepped, self._origin + error, self._origin)
-        self._bank.end_doubt(were_wrong, self._doubt.is_doubted)
-        self._positions.settle(~self._doubt.is_wrong, ~were_wrong)
+        if was_doubted:  # otherwise no doubt can end
+            self._bank.end_doubt(were_wrong, self._doubt.is_doubted)
+            self._positions.settle(~self._doubt.is_wrong, ~were_wrong)
         return has_stepped
 
     def _filter(
@@ -204,14 +206,15 @@ class DisturbancePredictor:
             changes = weights * (error**2 - self.innovations)
             self.innovations = self.innovations + changes
 
-        is_doubted = self._doubt.is_doubted
         for step in range(1, steps + 1):
             share = step / steps
             between = expected
             if step < steps:
                 between = self._doubt.expected(stamp - (1.0 - share) * interval)
             part = share**2 * error
-            doubted = part * is_doubted if is_doubted.any() else None
+            doubted = None
+            if self._doubt.is_any_doubted:
+                doubted = part * self._doubt.is_doubted
             self._bank.update(interval / steps, between + part, doubted)
 
     def _forecast(self, interval: float, noise: np.ndarray) -> None:
@@ -239,7 +242,7 @@ class DisturbancePredictor:
         pieces[..., 0] += self._origin[:, None]
         self._splines: list[Pieces] = pieces.tolist()
 
-        is_doubted = bool(self._doubt.is_doubted.any())
+        is_doubted = self._doubt.is_any_doubted
         self._positions.add(self.stamp, self._values, self._left_out, is_doubted)
         forecasts = np.array((final, continued, step))
         learning.add(Sample(self.stamp, interval, level, seen, forecasts))
