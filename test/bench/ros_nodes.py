@@ -9,7 +9,7 @@ import subprocess
 from tempfile import TemporaryDirectory
 import time
 
-from cheap_drives import cpu_of_process
+from cheap_drives import cpu_of_process, HORIZON
 from own_processes import end_process, free_domain, Processes
 from rows import in_turns, row
 from support import children, limited
@@ -61,6 +61,7 @@ def driver(rate):
 
 
 NODES = 'facade_manipulator.nodes.'
+LEAD = f'horizon:={HORIZON}'  # that the latency of a pose contains
 POSES, SETPOINTS = role('corrected_pose>!'), role('joint_setpoints>!')
 MOVING = role('100>joint_setpoints joint_states>')
 #: name, bounds of the figures, processes of both sides without the last, and the last process,
@@ -69,7 +70,7 @@ LAYOUTS = (
     (
         'R1 compensator at 100 Hz / empty relay',
         {'CPU': '<= 1.8', 'p50': '<= 1.3'},
-        (POSES, node(NODES + 'compensator')),
+        (POSES, node(NODES + 'compensator', LEAD)),
         (POSES, role(COMPENSATOR.format(100))),
         role(SWAY.format(100)),
     ),
@@ -97,7 +98,7 @@ LAYOUTS = (
     (
         'R2 deployment at 500 Hz / three SingleThreadedExecutor relays',
         {'p50': '<= 0.4'},
-        (SETPOINTS, node(NODES + 'manipulator', 'rate:=500.0')),
+        (SETPOINTS, node(NODES + 'manipulator', 'rate:=500.0', LEAD)),
         (
             role('joint_setpoints>!', 'single'),
             role(COMPENSATOR.format(500), 'single'),
@@ -108,7 +109,7 @@ LAYOUTS = (
     (
         'S1 whole stack at 100 Hz / empty nodes and python-can',
         {'whole CPU': '<= 1.45', 'memory': '<= 1.15'},
-        (driver(100), node(NODES + 'manipulator')),
+        (driver(100), node(NODES + 'manipulator', LEAD)),
         (role(DRIVER.format(100)), role(DEPLOYMENT)),
         role('2>goal_pose 100>disturbance'),
     ),
