@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 import sys
@@ -207,15 +206,15 @@ def _names_of_all_nodes(files: Sequence[Path]) -> set[str]:
     """Return the parameters of all nodes of the package, also of those in other processes."""
     names: set[str] = set()
     for node in NODES:
-        values = {}
-        with suppress(ParameterError):  # the process of the node reports its errors
-            values = parameters.read_parameters(files, node)
-        names |= parameter_names(node, values)
+        try:
+            names |= parameter_names(node, parameters.read_parameters(files, node))
+        except ParameterError:  # the process of that node reports it
+            names |= parameter_names(node, {})
     return names
 
 
 def _has_known_group(name: str, known: Collection[str]) -> bool:
-    """Return whether a renamed parameter, or a parameter in a group of some known one."""
+    """Return whether a name is a former name, or has the group of a known parameter."""
     groups = {other.partition('.')[0] for other in known if '.' in other}
     return name in parameters.RENAMED or name.partition('.')[0] in groups
 

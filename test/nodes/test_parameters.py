@@ -118,6 +118,17 @@ def test_name_of_another_process_is_accepted_for_all_nodes(ros, tmp_path, capfd)
     assert 'horizon' not in capfd.readouterr().err
 
 
+def test_wrong_value_of_another_process_does_not_end_a_node(ros, tmp_path):
+    file = tmp_path / 'parameters.yaml'
+    file.write_text(
+        '/**: {ros__parameters: {limits.jerk: 100.0}}\n'
+        '/**/driver: {ros__parameters: {limits.speed: -1.0}}\n'
+    )
+    args = ['--ros-args', '--params-file', str(file)]
+    node = ros.add(NODES['ik_service'](cli_args=args))
+    reject_unknown_parameters([node], args)
+
+
 @pytest.mark.parametrize(
     'argument, is_rejected',
     [('horizon:=0.05', False), ('limits.speed:=0.3', True), ('nonsense:=1', True)],
