@@ -108,11 +108,12 @@ def settings(cls: type[Class]) -> type[Class]:
 
 def parameter_fields(cls: Any, only: Collection[str] = ()) -> dict[str, ParameterInfo]:
     """Return the parameters of settings by field name, optionally only some of them."""
-    return {
-        item.name: item.metadata[_KEY]
-        for item in fields(cls)
-        if _KEY in item.metadata and (not only or item.name in only)
-    }
+    infos = {}
+    for item in fields(cls):
+        is_wanted = not only or item.name in only
+        if is_wanted and _KEY in item.metadata:
+            infos[item.name] = item.metadata[_KEY]
+    return infos
 
 
 def full_name(prefix: str, name: str) -> str:
@@ -164,7 +165,8 @@ def _wrong_type(name: str, element: Any, kind: type) -> ParameterError:
 
 def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
     """Check a value; the error names the parameter, its value, its limit and unit."""
-    unit, elements = f' {info.unit}' if info.unit else '', _elements(name, value, info)
+    unit = f' {info.unit}' if info.unit else ''
+    elements = _elements(name, value, info)
     if info.elements and len(elements) != len(info.elements):
         raise ParameterError(
             f'{name} has {len(elements)} elements, expected {len(info.elements)}: '
