@@ -65,7 +65,8 @@ def outcome_of(
     The remedy of a fault, which blocks the state's next step, stands before it, and that of an
     overload after it.
     """
-    state, slow = snapshot.state, overload(snapshot)
+    state = snapshot.state
+    slow = overload(snapshot)
     level = 'ok'
     if problems.last_failure or slow or problems.forbidden or state in WARNINGS:
         level = 'warn'

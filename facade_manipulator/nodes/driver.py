@@ -81,9 +81,9 @@ class DriverNode(ManagedNode):
         accept_changes(
             self, MotionLimits, 'limits', self._change_limits, self._loop.check
         )
+        lead = setup.controller.period + setup.controller.drive_lag
         self._constants = {
-            'targets ahead of their SYNC [ms]': 1e3
-            * (setup.controller.period + setup.controller.drive_lag),
+            'targets ahead of their SYNC [ms]': 1e3 * lead,
             'version': version('facade_manipulator'),
         }
         self._published_stamp: float | None = None  # of joint_states
@@ -193,8 +193,9 @@ class DriverNode(ManagedNode):
         self._apply_software_stop()
 
     def _apply_software_stop(self) -> None:
-        stop, now = self._software_stop, time.monotonic()
-        self._loop.forbid_power(stop.cause(now), stop.next_step(now))
+        now = time.monotonic()
+        cause = self._software_stop.cause(now)
+        self._loop.forbid_power(cause, self._software_stop.next_step(now))
 
     def _publish_joint_states(self) -> None:
         for snapshot in self._loop.take_states():
@@ -218,7 +219,8 @@ class DriverNode(ManagedNode):
 
     def _publish_outcome(self) -> None:
         """Publish the outcome after a change, on driver/status also every `STATUS_PERIOD`."""
-        snapshot, now = self._loop.snapshot(), time.monotonic()
+        snapshot = self._loop.snapshot()
+        now = time.monotonic()
         if snapshot.state is not ControllerState.ACTIVE:
             self._active_since = math.inf
         elif math.isinf(self._active_since):
@@ -314,11 +316,10 @@ class DriverNode(ManagedNode):
         statuses.append(
             driver_diagnostics.bus_status(self._loop.snapshot(), not self._is_simulated)
         )
-        failures = [
-            f'{one.name}: {one.message}'
-            for one in statuses
-            if one.level != DiagnosticStatus.OK
-        ]
+        failures = []
+        for one in statuses:
+            if one.level != DiagnosticStatus.OK:
+                failures.append(f'{one.name}: {one.message}')
         self.report(not failures, '; '.join(failures) or 'self_test passed')
         return SelfTest.Response(
             id=self.get_fully_qualified_name(),

@@ -92,7 +92,8 @@ def operation_status(
 
 def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:
     """Return the component of bus and cycle; real drives need a loop with real-time priority."""
-    cycle, bus = snapshot.cycle, snapshot.bus
+    cycle = snapshot.cycle
+    bus = snapshot.bus
     values = {
         'cycles': cycle.cycles,
         'missed cycles': cycle.incomplete,
@@ -109,22 +110,20 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
     if lost:
         message = outcome_of(snapshot).with_next_step(lost)
         return diagnostic_status('bus', 'error', message, values)
-    late = overload(snapshot)
-    wants_priority = snapshot.realtime_priority == 0 and is_real and not late
-    is_disturbed = bus.condition != 'active' or bus.overflows
-    warnings = [
-        late,
-        NO_PRIORITY if wants_priority else '',
-        (
+
+    warnings = []
+    if late := overload(snapshot):
+        warnings.append(late)
+    elif snapshot.realtime_priority == 0 and is_real:
+        warnings.append(NO_PRIORITY)
+    if bus.condition != 'active' or bus.overflows:
+        warnings.append(
             f'the CAN controller is {bus.condition}, with {bus.overflows} overflows'
             f'{NEXT}check wiring, termination and bit rate'
         )
-        if is_disturbed
-        else '',
-    ]
     return diagnostic_status(
         'bus',
-        'warn' if any(warnings) else 'ok',
+        'warn' if warnings else 'ok',
         joined(_BUS_WORDS.get(snapshot.state, 'open'), *warnings),
         values,
     )
