@@ -260,10 +260,8 @@ class IkServiceNode(BaseNode):
             return 'error', self._rejected
         status = self._gate.status
         if status is None:
-            return (
-                'ok',
-                'following the goals' if self._setpoint_count else 'no goal yet',
-            )
+            message = 'following the goals' if self._setpoint_count else 'no goal yet'
+            return 'ok', message
         if not self._gate.is_open:
             next_step = f'; next: {status.next_step}' if status.next_step else ''
             return 'warn', f'no goal is followed: {status}{next_step}'

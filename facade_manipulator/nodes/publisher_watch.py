@@ -75,7 +75,9 @@ class PublisherWatch:
         diagnostics: Diagnostics,
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
-        self._node, self._diagnostics, self._on_change = node, diagnostics, on_change
+        self._node = node
+        self._diagnostics = diagnostics
+        self._on_change = on_change
         self._names: list[str] = []
         self._faults: dict[str, str] = {}  # of the topics with a second publisher
         # by topic: publishers whose messages cannot be received

@@ -19,11 +19,14 @@ from facade_manipulator.compensation.report import contact_components
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 
 STEP = 0.02
-GOAL, NEXT, FAR = Pose(0.05, 0.25, 0.0), Pose(-0.05, 0.25, 0.0), Pose(0.3, 0.25, 0.0)
+GOAL = Pose(0.05, 0.25, 0.0)
+NEXT = Pose(-0.05, 0.25, 0.0)
+FAR = Pose(0.3, 0.25, 0.0)
 LONG = 2.0  # s, in which a goal is reached
 PERIOD = 0.01
 SETTINGS = ArrivalSettings(distance=0.005, angle=0.01, dwell=0.2)
-NEAR, AWAY = Pose(0.003, 0.003, 0.005), Pose(0.006, 0.0, 0.0)
+NEAR = Pose(0.003, 0.003, 0.005)  # errors
+AWAY = Pose(0.006, 0.0, 0.0)
 
 
 class Arrival:

@@ -11,7 +11,8 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.nodes.command_gate import CommandGate, PATIENCE, PERIOD
 from facade_manipulator.nodes.driver_status import DriverStatus, SILENCE
 
-START, EPOCH = 100.0, 1.8e9  # s, monotonic; s, from the monotonic to the system clock
+START = 100.0  # s, monotonic
+EPOCH = 1.8e9  # s, from the monotonic to the system clock
 
 
 class Pose(NamedTuple):
