@@ -15,7 +15,7 @@ from geometry_msgs.msg import Pose as PoseMessage
 from hypothesis import given
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
-from nodes.bench import NodeBench
+from nodes.bench import driver_message, NodeBench
 import pytest
 from std_srvs.srv import SetBool
 
@@ -257,6 +257,22 @@ def test_second_driver_is_named_as_the_cause_of_silence(ros, neighbours):
         'driver/status has 2 publishers (/second, /tester), above the limit 1; next: end one'
     )
     assert neighbours.rejection_count() == 1 and second.get_subscription_count() == 1
+
+
+def test_two_drivers_from_the_start_move_nothing(ros, neighbours):
+    """Their rejected status differs from that of a driver of another make, which has none."""
+    drivers = [
+        ros.node(name).create_publisher(*topics.DRIVER_STATUS)
+        for name in ('first', 'second')
+    ]
+    for driver in drivers:
+        ros.until(driver.get_subscription_count, 'the compensator')
+    status = DriverStatus('active', 'holding', '', neighbours.now())
+    drivers[0].publish(driver_message(status))
+    ros.until(lambda: neighbours.tested._gate.status is SILENT, 'the rejection')
+    neighbours.send_goal()
+    neighbours.until_goal_status('rejected: driver/status has 2 publishers')
+    assert not neighbours.corrected
 
 
 def test_goal_right_after_the_activation_is_followed(neighbours, monkeypatch):
