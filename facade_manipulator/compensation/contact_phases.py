@@ -16,6 +16,7 @@ from facade_manipulator.compensation.contact_faults import (
     SensorZero,
 )
 from facade_manipulator.compensation.contact_force import (
+    allowed_excess,
     ForceLaw,
     NormalForce,
     OLDEST_WRENCH,
@@ -32,6 +33,7 @@ LEAST_STIFFNESS = (
     600.0  # N/m: with less, a damping of the brush of 25 N s/m makes the law ring
 )
 APPROACH_SPEED = 0.004  # m/s: a wall of 100 N/mm is touched with 28 N
+FALL_TIME = 1.5  # s in which a lowered force falls by the excess of its limit
 FIRST_SHARE = 0.1  # share of the desired force at the beginning of the ramp
 LOST_AFTER = 1.0  # s without touch, after which the head approaches the wall again
 YAW_SPEED = 0.25  # rad/s
@@ -162,11 +164,18 @@ class ForceRamp:
         self._progress += interval / ramp_time
         return self._progress >= 1.0
 
-    def update(self, final: float, is_raising: bool) -> float:
-        """Return the present desired force [N] on the way to the final one [N]."""
+    def update(self, interval: float, final: float, is_raising: bool) -> float:
+        """
+        Return the present desired force [N] on the way to the final one [N].
+
+        After the operator has lowered the final force, the desired force falls over intervals [s]
+        so slowly that the force on the wall follows it.
+        """
         share = min(self._progress, 1.0) if is_raising else 1.0
         ramp = 0.5 - 0.5 * math.cos(math.pi * share)
-        self.desired = final * (FIRST_SHARE + (1.0 - FIRST_SHARE) * ramp)
+        raised = final * (FIRST_SHARE + (1.0 - FIRST_SHARE) * ramp)
+        fall = interval * allowed_excess(final) / FALL_TIME
+        self.desired = max(raised, self.desired - fall)
         return self.desired
 
 
@@ -231,7 +240,7 @@ class Pressing:
         """Return whether the force is held, or no force is desired."""
         return not self.settings.enabled or (
             self.mode is PressMode.HOLDING
-            and abs(self.monitor.mean - self.desired) <= self.bound
+            and abs(self.monitor.mean - self.settings.force) <= self.bound
         )
 
     def add_measurement(
@@ -299,7 +308,7 @@ class Pressing:
         if self._is_off_wall:
             self._wait(now, silence)
             return
-        fault = self.monitor.fault(self.settings.force)
+        fault = self.monitor.fault(max(self.settings.force, self.desired))
         if fault:
             self._retract(fault, is_latched=True)
         elif silence:
@@ -356,12 +365,13 @@ class Pressing:
             if ramp.advance(interval, self.settings.ramp_time):
                 self.mode = PressMode.HOLDING
 
-    def _velocity(self, time: float, is_fresh: bool) -> float:
+    def _velocity(self, time: float, interval: float, is_fresh: bool) -> float:
         """Return the velocity of the offset in y [m/s]."""
         if self.mode is PressMode.SEARCHING:
             return APPROACH_SPEED if is_fresh else 0.0
         force = self.settings.force
-        desired = self.ramp.update(force, self.mode is PressMode.RAISING)
+        is_raising = self.mode is PressMode.RAISING
+        desired = self.ramp.update(interval, force, is_raising)
         return self.normal.velocity(desired, force, self.settings.stiffness, time)
 
     def _wanted_y(self, time: float, interval: float, is_fresh: bool) -> float:
@@ -371,7 +381,7 @@ class Pressing:
         if self._is_off_wall:
             target = min(before, -settings.retreat) if settings.enabled else 0.0
             return towards(before, target, SPEED * interval)
-        wanted = before + interval * self._velocity(time, is_fresh)
+        wanted = before + interval * self._velocity(time, interval, is_fresh)
         least = -max(settings.retreat, settings.range)
         return min(max(wanted, least), settings.range)
 

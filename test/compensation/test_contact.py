@@ -233,11 +233,16 @@ def test_first_touch_and_small_force_do_not_oscillate():
     assert run.pressing.mode is PressMode.HOLDING and not run.pressing.last_reason
 
 
-def test_lowered_force_does_not_count_as_an_oscillation():
-    pressing = press(600.0, 20.0).pressing
-    pressing.settings = replace(SETTINGS, force=16.0)
-    run = press(600.0, 10.0, pressing=pressing, start=20.0)
+@pytest.mark.parametrize('stiffness', [600.0, 5000.0])
+@pytest.mark.parametrize('force', [5.0, 16.0])
+def test_lowered_force_is_reached_without_a_retract(stiffness, force):
+    pressing = press(stiffness, 20.0, stiffness=stiffness).pressing
+    pressing.settings = replace(pressing.settings, force=force)
+    is_held_at_once = pressing.is_held
+    run = press(stiffness, 10.0, pressing=pressing, start=20.0)
     assert run.pressing.mode is PressMode.HOLDING and not run.pressing.last_reason
+    assert run.forces[-300:].mean() == pytest.approx(force, abs=0.5)
+    assert not is_held_at_once and run.pressing.is_held
 
 
 def test_fade_of_the_correction_does_not_change_the_force():
