@@ -1,15 +1,16 @@
 """
 Axis: one carriage with its drive.
 
-Whoever needs anything of a drive has its `Axis`. The parts of an axis own what happens to them:
+All that this driver knows of a drive and sends to it is part of its `Axis`. Each part owns what
+happens to it:
 
     received    feedback (process data), encoder (position), answers (to SYNC), node (NMT state),
                 silence (what is missing), errors
     sent        output (command and target), sdo (objects)
     both        homing
 
-The exchange passes the frames of a drive to its axis. Each may be the cause of a stop. Times are
-on the monotonic clock [s].
+The exchange passes the frames of a drive to its axis. Each frame, except an answer by SDO, may be
+the cause of a stop. Times are on the monotonic clock [s].
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ ENCODER_REMEDY = (
 
 class Axis:
     """
-    One axis, from one opening of the bus to the next.
+    One axis, for one opening of the bus: the controller replaces it when it closes the bus.
 
     The operator reads its name. `settings` have the units and the identity of the drive's profile.
     Raises a ParameterError if the profile contradicts the settings.
@@ -71,7 +72,7 @@ class Axis:
         self.node = NodeMonitor(name, self.title, self.encoder)
         self.silence = Silence(name, self.title, self.answers, self.node, controller)
         self.errors = DriveErrors(name, self.title, profile.errors, self.encoder)
-        self.homing: Homing | None = None  #: the last homing
+        self.homing: Homing | None = None  #: in progress, or the last; None before
         self.output = Output(settings.node_id, profile)
         self.sdo = SdoAccess(self.title, settings, profile, self.node, controller)
 
@@ -87,18 +88,18 @@ class Axis:
     # --- what happens to the drive
 
     def expect_boot_up(self) -> None:
-        """Expect one boot-up message after a reset, which ends all errors."""
+        """Count boot-ups from 0 before a reset, which ends all errors; a second one is a fault."""
         self.node.count_boot_ups()
         self.errors.forget()
 
     def expect(self, nmt_state: str) -> None:
-        """Expect an NMT state that this master commands."""
+        """Expect an NMT state that this master commands; excuse answers until the next one."""
         if nmt_state != self.node.commanded:
             self.silence.excuse_answers()
         self.node.expect(nmt_state)
 
     def begin_supervision(self, now: float) -> None:
-        """Treat silence and restarts as faults after a time [s]."""
+        """Treat silence and restarts as faults from a time on [s]; forget earlier answers."""
         self.silence.begin(now)
         self.node.count_boot_ups()
         self.answers.restart()
@@ -118,6 +119,10 @@ class Axis:
         """Record whether the axis is homed, once its positions have settled."""
         is_homed = self.homing is not None and self.homing.is_homed
         self.encoder.end_homing(is_homed)
+
+    def cancel_homing(self) -> None:
+        """Record that the axis is not homed, and no longer judge its position."""
+        self.encoder.end_homing(False)
 
     def lose(self) -> None:
         """Record that the drive was silent: it may have restarted and lost its position."""
@@ -143,12 +148,12 @@ class Axis:
             return cause
 
         counts = raw[tpdo.indices.index(indices.ACTUAL_POSITION)]
-        distrust = self.encoder.receive(counts, time)
+        reason = self.encoder.receive(counts, time)
         newest.receive_speed(self.encoder.speed)
-        if not distrust:
+        if not reason:
             return cause
         return Cause(
-            f'{self.title}: the position {distrust}',
+            f'{self.title}: the position {reason}',
             ENCODER_REMEDY,
             self.name,
             cut_power=True,
@@ -169,13 +174,14 @@ class Axis:
         """
         Update answers and feedback at the end of the cycle of a SYNC.
 
-        `may_rest` is whether the targets are at rest: carriages that reverse rest for a moment.
+        `may_rest` is False only while the targets of a ramp to rest still move: carriages that
+        reverse rest for a moment.
         """
         self.answers.end_cycle(sync_time)
         self.feedback.end_cycle(self.encoder, may_rest)
 
     def frames(self) -> list[tuple[int, bytes]]:
-        """Return COB-ID and data of the frames to the drive; none if its PDO mapping is lost."""
+        """Return COB-ID and data of the frames to the drive; none after it has restarted."""
         if self.node.boot_ups:
             return []
         return self.output.frames(self.output.command)

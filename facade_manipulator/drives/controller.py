@@ -72,6 +72,9 @@ class DriveController:
     `forbid_power` act before they return. The owner ends with the request `close`; without it the
     drives stop because the master's heartbeat is missing. Raises a ParameterError if settings
     contradict each other or a drive profile is missing.
+
+    Each `configure` opens a new bus with `open_bus`. `source` is asked for targets
+    (`TargetSupervisor.source`), and `guard` checks them.
     """
 
     def __init__(
@@ -149,7 +152,11 @@ class DriveController:
         self._accept(partial(self._begin, RunningRequest(name, steps, on_reply)))
 
     def stop(self, cause: str) -> None:
-        """Quick stop all axes at once; they stay stopped until the faults are cleared."""
+        """
+        Quick stop all axes at once; they stay stopped until the faults are cleared.
+
+        There is no effect before the cycle has started, when no drive has power.
+        """
         self._accept(partial(self._stop_for, Cause(cause)))
 
     def forbid_power(self, cause: str, remedy: str = '') -> None:
@@ -162,35 +169,39 @@ class DriveController:
         self._accept(partial(self._forbid_power, ForbiddenPower(cause, remedy)))
 
     def _accept(self, act: Callable[[], None]) -> None:
-        """Do an input, and answer a request that it has stopped before the next input."""
+        """Do an input. If it stops the drives, the running request fails before the next input."""
 
         def handle() -> None:
             act()
             if self.running is not None and self.group.is_stopped:
                 self._resume(self.running)
 
-        self._guard(handle)
+        self._attempt(handle)
 
     # --- turns
 
     def turn(self) -> None:
-        """Wait for the step of a cycle, and do it; without a bus resume a request at once."""
+        """Do one turn: wait for the step of a cycle, do it, and resume the request."""
         self.wait()
         self.step()
 
     def wait(self) -> None:
-        """Handle frames until the step of the cycle is due, for 20 ms at most; never raise."""
+        """
+        Handle frames until the step of the cycle is due, for 20 ms at most; never raise.
+
+        Without a bus it returns at once, and before the start of the cycle after each frame.
+        """
         exchange = self.bus.exchange
         if exchange is None:
             return
-        if not self._guard(exchange.wait):
+        if not self._attempt(exchange.wait):
             self.clock.sleep(self.settings.period)  # a lasting error takes no CPU
 
     def step(self) -> None:
         """Do the step of the cycle if it is due, and resume the request; never raise."""
-        self._guard(self._step)
+        self._attempt(self._step)
 
-    def _guard(self, act: Callable[[], object]) -> bool:
+    def _attempt(self, act: Callable[[], object]) -> bool:
         """Return whether a call succeeds; stop the drives after any error."""
         try:
             act()
@@ -296,7 +307,7 @@ class DriveController:
     # --- power
 
     def _stop_for(self, cause: Cause) -> None:
-        if self.bus.exchange is not None:  # else no drive has power
+        if self.bus.exchange is not None:  # before its cycle starts, no drive has power
             self.bus.exchange.stop_for(cause)
 
     def _forbid_power(self, forbidden: ForbiddenPower) -> None:
@@ -357,8 +368,8 @@ class DriveController:
             cause = Cause(self.bus.lost, remedy, configure_again=True)
             self.group.stop(cause, self.now)
 
-    def end(self) -> None:
-        """Accept no further request."""
+    def refuse_requests(self) -> None:
+        """Accept no further request, after `close`."""
         self.is_closed = True
 
     def _recover(self, error: Exception) -> None:

@@ -28,7 +28,7 @@ class ControllerSettings:
         maximum=1.0,
     )
     max_missed_cycles: int = parameter(
-        'Missed cycles in a row of one axis that stop all axes',
+        'Cycles in a row without an answer of one axis, without SYNC, or late, that stop all axes',
         default=3,
         minimum=1,
         maximum=10,

@@ -6,19 +6,25 @@ One cycle, with times as shares of the period after its SYNC:
     time   SYNC of the kernel                    SYNC of the loop
     0.0    SYNC: the drives latch the targets of the previous cycle, and answer
     ...    the last answer makes the step due
-    0.7    the step is due without the others    the same, after a first answer in time
+    0.7    the step is due without the others    the same, if the first answer came by 0.4;
+                                                 else 0.3 after the first answer
     3.0                                          the step is due without any answer
     ...    step: supervise, choose targets, send the commands
-    0.8    later commands are withdrawn          later commands delay the next SYNC
-    1.0    next SYNC                             next SYNC, at least 0.2 after the commands
+    0.8    later targets are withdrawn, other    later commands delay the next SYNC
+           commands wait for the SYNC
+    1.0    next SYNC                             next SYNC, at least 0.2 after the commands and
+                                                 0.8 after the last SYNC
     1.5    SYNC is overdue: the loop sends one
 
-A cycle is *late* if its commands are chosen after 0.8. The kernel does not wait: late commands
+While received frames are not read yet, 0.7 becomes 0.8 and 1.5 becomes 2.5 with the kernel's SYNC;
+the step of the loop waits for up to a period more.
+
+A cycle is *late* if its commands are chosen after 0.8. The kernel does not wait: late targets
 would reach the drives after the next SYNC, and the drives would latch a double step one period
-later. They are withdrawn. The drives then *hold* their last target for a further period. The loop
-waits: it sends late commands, and its SYNC after them. A period is *missed* (`skipped` in the
-statistics) if it passes without a SYNC: the kernel's is overdue, or the loop is late by a whole
-period. A cycle is *incomplete* if its step begins without the answers of all drives.
+later. They are withdrawn. The loop waits: it sends late commands, and its SYNC after them. The
+drives *hold* their last target beyond a period while targets are withdrawn or a SYNC is late. A
+period is *skipped* if it passes without a SYNC: the kernel's is overdue, or the loop is late by a
+whole period. A cycle is *incomplete* if its step begins without the answers of all drives.
 
 The kernel sends SYNC where the bus offers its broadcast manager, whose period does not depend on
 the loop. SYNCs of another master in between are found by counting. An interface does not return
@@ -165,6 +171,7 @@ class LoopSync:
 
     def __init__(self, period: float) -> None:
         self._next_sync = 0.0
+        self._newest: float | None = None  # time of the newest SYNC [s]
         self._period = period
         #: since when a due step has waited for frames that came before [s]
         self._waits_since = math.inf
@@ -184,12 +191,16 @@ class LoopSync:
         return True
 
     def begin(self, time: float, is_received: bool) -> int:
-        """Begin a cycle; the next keeps the phase, but is not shortened to catch up."""
-        missed = max(0, int((time - self._next_sync) / self._period))
+        """Begin a cycle; the next keeps the phase, and is at least 0.8 of a period long."""
+        skipped = 0
+        if self._newest is not None:
+            periods = (time - self._newest) / self._period
+            skipped = max(0, int(periods + ROUNDING) - 1)
+        self._newest = time
         in_phase = self._next_sync + self._period
         self._next_sync = max(in_phase, time + COMMANDS_DUE * self._period)
         self._waits_since = math.inf
-        return missed
+        return skipped
 
     def step_due(self, sync_time: float, first_answer: float | None) -> float:
         """Return a late time without any answer [s]: then this computer is late."""
@@ -226,15 +237,15 @@ class LoopSync:
 SyncSender = KernelSync | LoopSync
 
 
-# --- late, missed and held cycles
+# --- late and skipped cycles, and the time held
 
 
 class CycleCounter:
-    """Counter of late, missed and held cycles, which the clock informs in each cycle."""
+    """Counter of late and skipped cycles and of the time held, informed in each cycle."""
 
     def __init__(self, period: float) -> None:
         self.statistics = CycleStatistics()
-        self.late_in_a_row = 0  #: cycles whose commands were withdrawn
+        self.late_in_a_row = 0  #: late cycles with the kernel's SYNC
         #: time beyond a period for which the drives had held their target before this step [s]
         self.held = 0.0
         self._period = period
@@ -242,7 +253,7 @@ class CycleCounter:
         self._late_before = 0  # late cycles before the present window
         self._commanded: float | None = None  # SYNC of the last commands that were sent
 
-    def count_missed(self, periods: int) -> None:
+    def count_skipped(self, periods: int) -> None:
         """Count periods that have passed without a SYNC."""
         self.statistics.skipped += periods
 
@@ -346,7 +357,7 @@ class CycleClock:
         self._begin(time, stamp, is_received=False)
 
     def _begin(self, time: float, stamp: float, is_received: bool) -> None:
-        self.counter.count_missed(self.sender.begin(time, is_received))
+        self.counter.count_skipped(self.sender.begin(time, is_received))
         self.sync_time = time
         self.sync_stamp = stamp
         self.smooth_time = self._smoothed(time)
@@ -400,23 +411,23 @@ class CycleClock:
 
     def finish(self, now: float) -> bool:
         """
-        Close the cycle when its step begins [s]; return whether its commands may be in time.
+        Close the cycle when its step begins [s]; return whether its commands may be sent.
 
         `finish_commands` decides at the end of the step.
         """
         self.is_open = False
         age = now - self.sync_time
         self.counter.begin_step(self.sync_time, age, self._has_all_answers)
-        return self._are_commands_in_time(now)
+        return self._may_send(now)
 
     def finish_commands(self, now: float) -> bool:
         """Return whether commands that were chosen until now [s] may be sent."""
-        is_in_time = self._are_commands_in_time(now)
-        if is_in_time:
+        may_send = self._may_send(now)
+        if may_send:
             self.counter.count_commands(self.sync_time)
-        return is_in_time
+        return may_send
 
-    def _are_commands_in_time(self, now: float) -> bool:
+    def _may_send(self, now: float) -> bool:
         """Return whether commands of a time [s] may be sent, and when the next SYNC is due."""
         self.next_event = self.sender.next_sync(now)
         if now - self.sync_time <= COMMANDS_DUE * self.period:

@@ -5,7 +5,8 @@ A carriage cannot change its speed faster than its drive allows. Each position i
 position that the last speed predicts. The difference is a *jump*:
 
 - A jump above its bound shows at once that the encoder has slipped.
-- Smaller jumps above half of the bound are added. Their sum since homing has a limit, too.
+- Smaller jumps above half of the bound are added. Their sum since the drive has found home has a
+  limit, too.
 
 Both are judged only while the position counts: when the axis is homed, or its drive has found home
 while others still home.
@@ -21,7 +22,7 @@ JUMP_JITTER = 0.5  # of the way since the last answer, for an early or late SYNC
 TOO_SOON = 0.5  # of the period: closer positions show no speed
 DOUBTFUL = 0.5  # of the bound: noise, jitter and acceleration cause smaller jumps
 MOST_SLIPPED = (
-    0.01  # m, sum of doubtful jumps since homing: half the distance that carriages keep
+    0.01  # m, sum of doubtful jumps: half of the default geometry.carriage_gap
 )
 
 
@@ -41,13 +42,13 @@ class Encoder:
         self._compared: int | None = None  # counts with which the next are compared
         self._time = 0.0  # of these counts [s]
         self._elapsed = period  # from their predecessor to them [s]
-        self._slipped = 0.0  # sum of doubtful jumps since homing [m]
+        self._slipped = 0.0  # sum of doubtful jumps since home was found [m]
         self._is_trusted = True
         self._has_found_home = False
         self._is_speed_valid = True  # not if a drive has changed its coordinates
 
     def begin_homing(self) -> None:
-        """Forget the home position and the errors of earlier positions."""
+        """Forget home position and errors of earlier positions; trust the drive again."""
         self.homed = False
         self._has_found_home = False
         self._is_trusted = True
@@ -66,13 +67,22 @@ class Encoder:
         self._has_found_home = False
 
     def distrust(self) -> None:
-        """Record that the position is lost until the axis is homed again."""
+        """
+        Record that the position is lost until another homing.
+
+        The reason is a jump, a restart, an error that loses it, silence, a lost bus, or a drive
+        that differs.
+        """
         self.homed = False
         self._is_trusted = False
         self._has_found_home = False
 
     def receive(self, counts: int, time: float) -> str:
-        """Receive a position [counts] at a time [s]; return why it is distrusted, or ``''``."""
+        """
+        Receive a position [counts] at a time [s].
+
+        The result is why it is distrusted from now on, ``''`` if that has not changed.
+        """
         self.counts = counts
         before = self._compared
         if before is not None and 0.0 <= time - self._time < TOO_SOON * self._period:

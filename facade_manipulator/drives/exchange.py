@@ -5,13 +5,13 @@ One cycle, in the order of the methods (`cycle` has its times, and the two sende
 
     wait      SYNC: the kernel's is received, or the loop sends its own (`_send_sync`)
               answers: each is passed to its axis; the last one, or time, makes the step due
-    (owner)   the owner of the exchange reads its own messages
+    (between) the control loop reads the messages of the node
     step      supervise: drives, SYNC, targets; a failure stops the group
               step the states of the group
               choose the targets, and send the commands; late targets are withdrawn
 
 Frames are routed by COB-ID; a frame that is too short or unknown is ignored. A stop sends its
-commands at once (`stop_for`).
+commands at once, or after a SYNC that is near (`stop_for`); a further cause acts in the next step.
 """
 
 from __future__ import annotations
@@ -221,13 +221,13 @@ class CyclicExchange:
         return True
 
     def _step(self, now: float) -> None:
-        is_in_time = self.clock.finish(now)
+        may_send = self.clock.finish(now)
         self._supervise(now)
 
         taken_out = set(self.group.not_responding)
         self.group.step(now)
 
-        if is_in_time or not self.group.follows:
+        if may_send or not self.group.follows:
             self._command_targets(now)
         for axis in self.group.axes:
             if axis.name in self.group.not_responding - taken_out:
@@ -283,8 +283,8 @@ class CyclicExchange:
     def _command_targets(self, now: float) -> None:
         """Choose the targets and send the commands; withdraw targets that are too late."""
         self._targets.command(self.clock, now)
-        is_in_time = self.clock.finish_commands(self._time.monotonic())
-        if is_in_time or not self.group.follows:
+        may_send = self.clock.finish_commands(self._time.monotonic())
+        if may_send or not self.group.follows:
             self._send_commands()
         else:
             self._targets.withdraw()
@@ -309,7 +309,11 @@ class CyclicExchange:
     # --- at any time
 
     def stop_for(self, cause: Cause) -> None:
-        """Stop the drives, with a command at once instead of at the end of the cycle."""
+        """
+        Stop the drives, with a command at once instead of at the end of the cycle.
+
+        Before the start of the cycle there is no effect.
+        """
         before = self.group.state
         if self.has_started:
             self.group.stop(cause, self._time.monotonic())

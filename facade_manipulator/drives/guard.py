@@ -1,12 +1,15 @@
 """
 Guard of the mechanism: the last check of carriage positions before the bus.
 
-It is independent of the solver in ik_service. The driver asks it four questions:
+It is independent of the solver in ik_service, and answers four questions:
 
-- May these targets be sent? The path to rest is asked with them.
-- Are these measured positions possible? They lag behind the targets.
-- May the carriages home from here? Some of them have no known position yet.
-- How fast may carriages be that are so near each other?
+- May these targets be sent? The follower asks for each setpoint and for the path to rest, the
+  supervisor for each target, and `activate` for the present positions.
+- Are these measured positions possible? The supervisor asks in each cycle in which targets are
+  followed, behind which they lag.
+- May the carriages be here while they home? The supervisor asks in each cycle of a homing. Some
+  carriages have no known position yet.
+- How fast may carriages be that are so near each other? Only the follower asks.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ NEIGHBOURS = (
     (0, 2),
     (2, 1),
     (0, 1),
-)  # order on the rail is A1, A3, A2; A3 may not be homed
+)  # order on the rail is A1, A3, A2; the pair A1, A2 counts while A3 is not homed
 
 
 class MechanismCheck:
@@ -97,7 +100,10 @@ class MechanismCheck:
 
 class Guard:
     """
-    Guard of one mechanism; each check raises a LimitError with the violated limit.
+    Guard of one mechanism.
+
+    Each check raises a LimitError with the violated limit, or a ParameterError for a position that
+    is not finite.
 
     Parameters
     ----------
@@ -159,7 +165,11 @@ class Guard:
 
 
 class Unguarded:
-    """Guard of carriages whose mechanism is not known, such as those without links."""
+    """
+    Guard of carriages whose mechanism is not known, such as those without links.
+
+    It has no `allowed_speed`, for which only a `SetpointFollower` asks.
+    """
 
     def check_targets(self, *path: PerCarriage) -> None:
         """Accept all targets [m]."""

@@ -55,16 +55,25 @@ def configure(controller: DriveController) -> Steps[str]:
 
 
 def home(controller: DriveController) -> Steps[str]:
-    """Power on in homing mode, home rank after rank, and power off."""
+    """
+    Power on in homing mode, home rank after rank, and power off.
+
+    After a failure the axes that have found home are homed. After a cancellation none is.
+    """
     group = controller.group
     axes = controller.axes
     controller.require_power_allowed('home')
     positions_of(axes)
     group.home(controller.now)
-    while not (group.is_stopped or group.has_done(GroupState.INACTIVE)):
+    try:
+        while not (group.is_stopped or group.has_done(GroupState.INACTIVE)):
+            for axis in axes:
+                axis.watch_home()
+            yield
+    except GeneratorExit:
         for axis in axes:
-            axis.watch_home()
-        yield
+            axis.cancel_homing()
+        raise
 
     results = []
     for axis in axes:
@@ -202,7 +211,7 @@ def close(controller: DriveController) -> Steps[str]:
     try:
         return (yield from cut_power_and_close(controller))
     finally:
-        controller.end()
+        controller.refuse_requests()
 
 
 class Request(NamedTuple):
@@ -212,7 +221,8 @@ class Request(NamedTuple):
     state: ControllerState
     #: whether the drives must be configured, or must not; None if both are possible
     needs_drives: bool | None = True
-    interrupts: bool = False  #: whether it cancels another request
+    #: whether it may begin while another runs, which it cancels unless it ends at once
+    interrupts: bool = False
     needs_bus: bool = True  #: whether it fails if the bus is lost in the meantime
 
 

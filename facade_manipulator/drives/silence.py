@@ -38,7 +38,7 @@ class Silence:
         self._may_miss = False
 
     def begin(self, now: float) -> None:
-        """Treat silence as a fault after a time [s]."""
+        """Treat silence as a fault from a time on [s]."""
         self._since = now
         self.is_lost = False
 
