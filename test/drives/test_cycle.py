@@ -98,6 +98,15 @@ def test_late_syncs_keep_their_minimum_distance(delays):
         last = now
 
 
+@pytest.mark.parametrize(('step', 'skipped'), [(0.7, 0), (1.5, 0), (2.95, 2)])
+def test_periods_without_sync_of_a_late_loop_count_as_skipped(step, skipped):
+    clock = started()
+    clock.begin(0.0, 0.0)
+    clock.finish(step * T)
+    clock.begin(clock.next_event, 0.0)
+    assert clock.statistics.skipped == skipped
+
+
 @pytest.mark.parametrize('late', [0, 1, ALL])
 @pytest.mark.parametrize('has_kernel_sync', [False, True])
 def test_answers_after_the_step_do_not_count(late, has_kernel_sync):

@@ -11,8 +11,9 @@ import pytest
 from facade_manipulator.drives.axis_settings import AxisSettings, DEFAULT_AXES
 from facade_manipulator.drives.homing import Homing, SETTLING_CYCLES, STEADY_TIME
 from facade_manipulator.drives.profile import load_profile
+from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Status
-from facade_manipulator.errors import DriveError, LimitError
+from facade_manipulator.errors import DriveError, DriveStateError, LimitError
 
 PERIOD = 0.02  # s
 STEADY_CYCLES = round(STEADY_TIME / PERIOD)
@@ -246,3 +247,23 @@ def test_ordinary_homing_is_no_slip(make_rig, method, speed):
     rig = make_rig(axes=axes)
     answer = rig.request('configure', 'home')
     assert answer.count('is homed') == 3
+
+
+def test_push_after_a_cancelled_homing_stops_nothing(make_rig):
+    axes = tuple(
+        replace(axis, homing_method=17, homing_rank=rank, homing_speed=0.2)
+        for axis, rank in zip(DEFAULT_AXES, (1, 2, 3), strict=True)
+    )
+    rig = make_rig(axes=axes)
+    rig.request('configure')
+    job = rig.ask('home')
+    first = rig.controller.axes[0]
+    rig.until(lambda: first.homing is not None and first.homing.is_homed, 30.0)
+    rig.cycles(12)
+    rig.request('halt')
+    with pytest.raises(DriveStateError, match='cancelled by halt'):
+        rig.finish(job)
+    slip(rig.drives[0])
+    rig.run(0.1)
+    assert rig.state is ControllerState.INACTIVE
+    assert rig.snapshot.unhomed == ('q1', 'q2', 'q3')
