@@ -5,13 +5,14 @@ The driver sends only targets from which the three carriages can brake together 
 Drives that stop by themselves do not coordinate, so that less than the gap remains. The order on
 the rail is A1, A3, A2.
 
-- **At the start** (`StoppingAnalysis.check`): failures in which every drive brakes must leave the
-  carriages apart; otherwise the driver does not start. If one of two neighbours fails, the other
-  continues until the failure is detected.
+- **At the start and at each change of limits** (`StoppingAnalysis.check`): failures in which every
+  drive brakes must leave the carriages apart; otherwise the parameters are rejected. If one drive
+  brakes by itself, its neighbour continues until the report has stopped it.
 - **Near a neighbour** (`Separation`): at full speed no brake avoids a carriage that stops at once,
   such as on a seized screw. Near each other, carriages are therefore slow enough to brake in time.
-- **In the table** (`StoppingAnalysis.table`): the emergency stop does not pass the driver. The
-  distances that it leaves are those of the hardware.
+- **In the table of `stopping`** (`StoppingAnalysis.table`): the emergency stop acts by hardware,
+  without the driver. Two carriages that approach each other begin it farther apart than one that
+  approaches a carriage at rest, because they must be able to brake together.
 
 References
 ----------
@@ -186,7 +187,8 @@ class EmergencyStop(NamedTuple):
     """Distances of two carriages that approach each other in an emergency stop."""
 
     speed: float  #: of both carriages [m/s]
-    begin: float  #: minimum distance at which the driver allows the speed [m]
+    alone: float  #: minimum distance from a neighbour that stops at once [m]
+    approach: float  #: minimum distance of two that approach each other [m]
     left_by_ss1_t: float  #: remaining distance after SS1-t [m]; below 0 they touch
     left_by_sto: float  #: the same after STO
 
@@ -244,7 +246,7 @@ class StoppingAnalysis:
 
     def check(self) -> None:
         """
-        Require that braking carriages stay apart and inside the position limits of the drives.
+        Require that braking carriages stay apart, and that limits and windows fit the drives.
 
         Raises a ParameterError with the consequence of these parameters and with values that
         avoid it.
@@ -337,6 +339,7 @@ class StoppingAnalysis:
                 EmergencyStop(
                     speed,
                     self.separation.distance(speed),
+                    self._approach(speed),
                     self.remaining(speed, INPUT_SPREAD, braking),
                     self.remaining(speed, RELAY_SPREAD, slowest_coasting),
                 )
@@ -354,13 +357,17 @@ class StoppingAnalysis:
         """
         Return the remaining distance of two carriages that approach each other and stop [m].
 
-        They start at the minimum distance that the driver allows at the speed [m/s]. They brake
-        with a deceleration [m/s²] after the lag of the drives and the spread of their inputs [s].
+        They start at the minimum distance at which the driver lets them approach each other with
+        the speed [m/s]. They brake with a deceleration [m/s²] after the lag of the drives and the
+        spread of their inputs [s].
         """
-        start = max(
-            self.separation.distance(speed),
-            starting_distance(self.geometry.carriage_gap, self.limits, speed, -speed),
-        )
         delay = self.controller.drive_lag + spread
         travelled = speed * (2.0 * delay + speed / deceleration)
-        return start - self.geometry.carriage_length - travelled
+        return self._approach(speed) - self.geometry.carriage_length - travelled
+
+    def _approach(self, speed: float) -> float:
+        """Return the minimum distance of two carriages that approach with a speed [m/s] each."""
+        together = starting_distance(
+            self.geometry.carriage_gap, self.limits, speed, -speed
+        )
+        return max(self.separation.distance(speed), together)

@@ -64,11 +64,12 @@ def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
     print(
         f'\nCarriages touch at {_MM * analysis.geometry.carriage_length:.1f} mm. The maximum '
         f'overshoot beyond the stroke is {_MM * analysis.overshoot:.1f} mm.\n\n'
-        f'{"speed":>8}  {"from distance":>15}{"left by SS1-t":>16}{"left by STO":>14}'
+        f'{"speed":>8}  {"from distance":>15}{"approach from":>16}'
+        f'{"left by SS1-t":>16}{"left by STO":>14}'
     )
     for row in analysis.table(coasting):
         print(
-            f'{row.speed:4.2f} m/s  {_MM * row.begin:12.1f} mm'
+            f'{row.speed:4.2f} m/s  {_MM * row.alone:12.1f} mm{_MM * row.approach:13.1f} mm'
             f'{_MM * row.left_by_ss1_t:13.1f} mm{_MM * row.left_by_sto:11.1f} mm'
         )
     print(f'SS1-t: STO follows {analysis.sto_delay:.2f} s after the quick-stop inputs')
