@@ -16,9 +16,7 @@ SIGNIFICANT = 6.0 * NOISE  # N: noise, steps and dead band of a working sensor a
 CHATTER_TIME = 0.1  # s, period faster than the loop
 CHATTER_MEMORY = 0.4  # s, averaging time of the chatter
 OSCILLATION_TIME = 2.0  # s, period of a loop with a late force; averaging time
-UNSTEADY_SHARE = (
-    0.14  # of the desired force, RMS: with 0.2, late forces reach 47 of 30 N
-)
+UNSTEADY_SHARE = 0.14  # of the desired force, RMS: held forces in gusts reach 0.13
 RETURNED = 0.8  # share of the desired force, below which a rise is not chatter
 ZERO_TIME = 0.2  # s, low-pass of the sensor's zero
 MOST_ZERO = 10.0  # N, maximum of the sensor's zero
