@@ -10,15 +10,19 @@ arrives, the velocity becomes that of the parabola through all three.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 import enum
-from itertools import accumulate, islice
 import math
 from typing import NamedTuple
 
 from facade_manipulator.errors import InputError, ManipulatorError, require_recent
 from facade_manipulator.kinematics.geometry import PerCarriage
-from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter
+from facade_manipulator.motion.limits import (
+    CarriageMotion,
+    greatest,
+    MotionLimits,
+    PathLimiter,
+)
 from facade_manipulator.motion.setpoints import (
     extrapolate,
     interpolate,
@@ -29,9 +33,8 @@ from facade_manipulator.motion.setpoints import (
 from facade_manipulator.motion.timed_buffer import TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
-TOLERATED = (
-    2.0  # factor on the limits: carriages lag up to here; a setpoint beyond is wrong
-)
+# factor on the limits: carriages lag up to here; a setpoint beyond is wrong
+TOLERATED = 2.0
 OLDEST = 0.2  # s, maximum age of a setpoint: an older one is useless
 EARLIEST = 0.5  # s, the longest horizon of a compensator: beyond it a clock is wrong
 
@@ -112,15 +115,15 @@ class SetpointFollower:
         self.brakes = 0
         self.last_brake = ''  #: cause of the last forced brake
         self._period = period
-        self._fastest = self._hardest = 0.0
+        self._fastest = 0.0
+        self._hardest = 0.0
         self.change_limits(limits)
         self._check = check
         self._fastest_at = fastest
         #: the commanded motion; None before the first `reset`
         self.motion: CarriageMotion | None = None
-        self._motion_before: CarriageMotion | None = (
-            None  # the last `sample` or `reset`
-        )
+        # before the last `sample`, or after the last `reset`
+        self._motion_before: CarriageMotion | None = None
         self._stop: Iterator[CarriageMotion] = iter(())
         self._stream: TimedBuffer[Setpoint, tuple[PerCarriage, PerCarriage]] = (
             TimedBuffer(interpolate)
@@ -153,7 +156,8 @@ class SetpointFollower:
     def reset(self, positions: PerCarriage) -> None:
         """Hold at measured positions [m] and forget the stream."""
         self.hold()
-        self.motion = self._motion_before = CarriageMotion(positions)
+        self.motion = CarriageMotion(positions)
+        self._motion_before = self.motion
         self._stop = iter(())
         self.activity = Activity.HOLDING
 
@@ -174,7 +178,8 @@ class SetpointFollower:
         try:
             self._stop = self._checked_stop(self._limiter, self.motion)
         except ManipulatorError:
-            self.motion, self._stop = CarriageMotion(self.motion.position), iter(())
+            self.motion = CarriageMotion(self.motion.position)
+            self._stop = iter(())
 
     def withdraw(self) -> None:
         """
@@ -202,17 +207,17 @@ class SetpointFollower:
             raise InputError(
                 'inactive', 'setpoint rejected: no position is held; next: activate'
             )
+
         self._check(setpoint.position)
         require_recent('setpoint', now - setpoint.time, OLDEST, EARLIEST)
         last = self._predecessor(setpoint.time, now)
-        require_possible(
-            setpoint,
-            last or Setpoint(-math.inf, self.motion.position, setpoint.velocity),
-            self.settings.first_step,
-            self._fastest,
-            self._hardest,
-        )
+        is_first = last is None
         if last is None:
+            last = Setpoint(-math.inf, self.motion.position, setpoint.velocity)
+        first_step = self.settings.first_step
+        require_possible(setpoint, last, first_step, self._fastest, self._hardest)
+
+        if is_first:
             self._stream.clear()
         self._smooth(setpoint)
         self._stream.append(setpoint.time, setpoint)
@@ -230,14 +235,14 @@ class SetpointFollower:
             raise InputError(
                 'no_position', 'no carriage position is known; next: call reset'
             )
+
         self._sampled = reach_time
         self._motion_before = self.motion
         target = self._target(reach_time)
-        self.motion = (
-            self._brake(self.motion, self._silence())
-            if target is None
-            else self._follow(self.motion, *target)
-        )
+        if target is None:
+            self.motion = self._brake(self.motion, self._silence())
+        else:
+            self.motion = self._follow(self.motion, *target)
         q1, q2, q3 = self.motion.position
         return q1, q2, q3
 
@@ -255,6 +260,7 @@ class SetpointFollower:
                 f'setpoint is {self._sampled - time:.3g} s older than the '
                 'present command, and newer setpoints exist',
             )
+
         before, _ = self._stream.around(math.nextafter(time, -math.inf))
         if before is None or now - before[0] > self.settings.stale_after:
             return None
@@ -269,26 +275,27 @@ class SetpointFollower:
         setpoint: at 500 Hz the jerk limit would delay the carriages in every third cycle.
         """
         known = self._stream.newest(2)
-        if (
-            len(known) < 2
-            or known[0][0] <= self._sampled
-            or (following.time - known[1][0] < 1.5 * self._period)
-        ):
+        if len(known) < 2:
             return
-        (_, first), (time, newest) = known
-        h, k = time - first.time, following.time - time
-        most = (
-            0.5 * self._limiter.limits.acceleration * h
-        )  # change within half an interval
-        velocity = [
-            min(
-                max((k / h * (b - a) + h / k * (c - b)) / (h + k), mean - most),
-                mean + most,
-            )
-            for a, b, mean, c in zip(
-                first.position, *newest[1:], following.position, strict=True
-            )
-        ]
+        (first_time, first), (time, newest) = known
+        h = time - first_time
+        k = following.time - time
+        if first_time <= self._sampled or k < 1.5 * self._period:
+            return
+
+        # The parabola through a, b and c, at distances h and k, has this velocity at b:
+        # (k/h (b − a) + h/k (c − b)) / (h + k)
+        most = 0.5 * self._limiter.limits.acceleration * h  # change within h/2
+        velocity = []
+        for a, b, mean, c in zip(
+            first.position,
+            newest.position,
+            newest.velocity,
+            following.position,
+            strict=True,
+        ):
+            slope = (k / h * (b - a) + h / k * (c - b)) / (h + k)
+            velocity.append(min(max(slope, mean - most), mean + most))
         self._stream.append(time, newest._replace(velocity=velocity))
 
     def _target(self, time: float) -> tuple[PerCarriage, PerCarriage] | None:
@@ -308,15 +315,21 @@ class SetpointFollower:
         limiter = self._limiter
         if not limiter.allows(before, limiter.limits.speed):
             return self._brake(before, LOWERED)
+
         limiter.speed = min(limiter.limits.speed, self._fastest_at(before.position))
-        direct = limiter.reach(before, position, velocity)
+        motion = limiter.reach(before, position, velocity)
+        activity = Activity.FOLLOWING
         try:
-            motion = direct or limiter.chase(before, position, velocity)
+            if motion is None:
+                motion = limiter.chase(before, position, velocity)
+                activity = Activity.LIMITED
             self._stop = self._checked_stop(limiter, motion)
         except ManipulatorError as error:
             return self._brake(before, error.problem)
-        self.activity = Activity.FOLLOWING if direct else Activity.LIMITED
-        self.limited_cycles += direct is None
+
+        self.activity = activity
+        if activity is Activity.LIMITED:
+            self.limited_cycles += 1
         return motion
 
     def _checked_stop(
@@ -332,9 +345,12 @@ class SetpointFollower:
         # The end of the path is checked first, because it fails most often. Each position is a
         # target if the carriages brake, and is then checked once more before it is sent.
         self._check(*positions)
-        fastest = max([abs(speed) for _, velocity, _ in path for speed in velocity])
+
+        speeds: list[float] = []
+        for _, velocity, _ in path:
+            speeds += velocity
         # This is rare: two carriages are near each other.
-        if fastest > self._fastest_at(*positions):
+        if greatest(speeds) > self._fastest_at(*positions):
             for position, velocity, _ in path:
                 require_within(
                     'speed of {} at this distance from its neighbour',
@@ -342,7 +358,7 @@ class SetpointFollower:
                     self._fastest_at(position),
                     'm/s',
                 )
-        return islice(accumulate(path[1:], limiter.advance, initial=motion), 1, None)
+        return _motions(limiter, motion, path[1:])
 
     def _silence(self) -> str:
         """Return why the stream has no target."""
@@ -359,3 +375,14 @@ class SetpointFollower:
             self.last_brake = cause
         self.activity = Activity.BRAKING
         return motion
+
+
+def _motions(
+    limiter: PathLimiter,
+    motion: CarriageMotion,
+    states: Sequence[Sequence[PerCarriage]],
+) -> Iterator[CarriageMotion]:
+    """Yield the motions in the states after a motion, one period apart."""
+    for state in states:
+        motion = limiter.advance(motion, state)
+        yield motion

@@ -27,9 +27,8 @@ STANDSTILL_SPEED = 1e-5  # m/s
 STANDSTILL_ACCELERATION = 1e-3  # m/s²
 ZERO = (0.0, 0.0, 0.0)  # of any unit
 FEED_FORWARD_SHARE = 0.8  # share of the speed limit; the rest is for catching up
-PLAN_TOLERANCE = (
-    1e-9  # m, m/s and m/s²: a motion within these tolerances is the planned motion
-)
+# m, m/s and m/s²: a motion within these tolerances is the planned motion
+PLAN_TOLERANCE = 1e-9
 ROUNDING = 1e-9  # of a number of periods
 TOLERANCE = 1e-6  # relative: rounding of a path adds up over its periods
 
@@ -77,9 +76,8 @@ class CarriageMotion(NamedTuple):
     position: PerCarriage  #: [m]
     velocity: PerCarriage = ZERO  #: [m/s]
     acceleration: PerCarriage = ZERO  #: [m/s²]
-    mean_velocity: PerCarriage = (
-        ZERO  #: first difference of the positions, a period apart [m/s]
-    )
+    #: first difference of the positions, a period apart [m/s]
+    mean_velocity: PerCarriage = ZERO
     mean_acceleration: PerCarriage = ZERO  #: their second difference [m/s²]
 
     @property
@@ -98,7 +96,8 @@ def greatest(values: PerCarriage) -> float:
 
 def plus(a: PerCarriage, b: PerCarriage, factor: float = 1.0) -> PerCarriage:
     """Return a + factor · b for three axes, in a fifth of the time of numpy."""
-    (a1, a2, a3), (b1, b2, b3) = a, b
+    a1, a2, a3 = a
+    b1, b2, b3 = b
     return a1 + factor * b1, a2 + factor * b2, a3 + factor * b3
 
 
@@ -114,7 +113,9 @@ class PathLimiter:
         #: present limit of speed [m/s]; beyond it the carriages slow down
         self.speed = limits.speed
         self.period = period
-        self._bounds = [limits.acceleration] * AXES, [limits.jerk] * AXES
+        # limit of each axis
+        self._acceleration = [limits.acceleration] * AXES
+        self._jerk = [limits.jerk] * AXES
         self._reached: CarriageMotion | None = None
         # the path of `chase`: the frame and speed it was planned with, and the present state on it
         self._path = Trajectory(AXES)
@@ -136,19 +137,16 @@ class PathLimiter:
         jerk = self._rates(before.mean_acceleration, acceleration)
         # The second difference is the acceleration of a period ago, and half a period later it has
         # changed the mean velocity into the present one.
-        after = CarriageMotion(
-            target,
-            plus(mean, acceleration, 0.5 * self.period),
-            acceleration,
-            mean,
-            acceleration,
-        )
+        end_velocity = plus(mean, acceleration, 0.5 * self.period)
+        after = CarriageMotion(target, end_velocity, acceleration, mean, acceleration)
+
         if not (
             greatest(mean) <= self.speed
             and greatest(jerk) <= self.limits.jerk
             and self.allows(after, self.speed, tolerance=0.0)
         ):
             return None
+
         # At constant acceleration the velocities at both ends of the period have this mean. The
         # difference shows whether the motion would arrive with another velocity.
         miss = greatest(plus(plus(before.velocity, velocity), mean, -2.0))
@@ -157,6 +155,7 @@ class PathLimiter:
             and miss > 0.5 * self.limits.jerk * self.period**2
         ):
             return None
+
         self._reached = after
         return after
 
@@ -171,35 +170,37 @@ class PathLimiter:
 
         Raises a ManipulatorError if no path was found.
         """
-        speed, fastest = self.speed, greatest(velocity)
+        speed = self.speed
+        fastest = greatest(velocity)
         share = min(1.0, FEED_FORWARD_SHARE * speed / fastest) if fastest else 1.0
         frame = plus(ZERO, velocity, share)
-        relative = (
-            plus(plus(before.position, target, -1.0), frame, self.period),
-            plus(before.velocity, frame, -1.0),
-            before.acceleration,
-        )
-        planned = *frame, speed
+
+        # The frame reaches the target at the end of the period T, with velocity w:
+        # position − target + w T, velocity − w, acceleration
+        error = plus(plus(before.position, target, -1.0), frame, self.period)
+        rate = plus(before.velocity, frame, -1.0)
+        relative = (error, rate, before.acceleration)
+
+        planned = (*frame, speed)
         # A new plan for the planned motion would bend the path.
         if planned != self._planned or any(
             greatest(plus(part, plan, -1.0)) > PLAN_TOLERANCE
             for part, plan in zip(relative, self._relative, strict=True)
         ):
+            forward = [speed - w for w in frame]
+            backward = [-speed - w for w in frame]
             self._path = plan_trajectory(
-                relative,
-                ZERO,
-                [speed - w for w in frame],
-                *self._bounds,
-                [-speed - w for w in frame],
+                relative, ZERO, forward, self._acceleration, self._jerk, backward
             )
-            self._planned, self._elapsed = planned, 0.0
+            self._planned = planned
+            self._elapsed = 0.0
+
         self._elapsed += self.period
-        self._relative = error, rate, acceleration = self._path.at_time(
-            min(self._elapsed, self._path.duration)
-        )
-        return self.advance(
-            before, (plus(error, target), plus(rate, frame), acceleration)
-        )
+        end = min(self._elapsed, self._path.duration)
+        self._relative = self._path.at_time(end)
+        error, rate, acceleration = self._relative
+        state = (plus(error, target), plus(rate, frame), acceleration)
+        return self.advance(before, state)
 
     def allows(
         self, motion: CarriageMotion, speed: float, tolerance: float = TOLERANCE
@@ -211,16 +212,19 @@ class PathLimiter:
         would end its acceleration too late, at an excessive speed.
         """
         share = 1.0 + tolerance
-        gained = [0.5 / self.limits.jerk * a * abs(a) for a in motion.acceleration]
-        return (
-            greatest(motion.acceleration) <= share * self.limits.acceleration
-            and greatest(motion.velocity) <= share * speed
-            and greatest(plus(motion.velocity, gained)) <= share * speed
-        )
+        if not greatest(motion.acceleration) <= share * self.limits.acceleration:
+            return False
+
+        # While a jerk j ends an acceleration a, the velocity changes by a |a| / (2 j).
+        change = [0.5 / self.limits.jerk * a * abs(a) for a in motion.acceleration]
+        end = plus(motion.velocity, change)
+        most = share * speed
+        return greatest(motion.velocity) <= most and greatest(end) <= most
 
     def slow(self, motion: CarriageMotion, seconds: float) -> CarriageMotion:
         """Return a motion at the same position after all axes have braked for some seconds."""
-        fastest, lost = greatest(motion.velocity), self.limits.acceleration * seconds
+        fastest = greatest(motion.velocity)
+        lost = self.limits.acceleration * seconds
         share = 1.0 - lost / fastest if fastest > lost else 0.0
         velocity = plus(ZERO, motion.velocity, share)
         return CarriageMotion(motion.position, velocity, mean_velocity=velocity)
@@ -235,18 +239,17 @@ class PathLimiter:
 
         Raises a ManipulatorError if no path was found.
         """
-        states: list[Sequence[PerCarriage]] = [motion[:3]]
-        if not motion.at_rest:
-            path = plan_trajectory(
-                states[0], None, [self.limits.speed] * AXES, *self._bounds
-            )
-            period, duration, at_time = self.period, path.duration, path.at_time
-            count = math.ceil(duration / period - ROUNDING)
-            states += [
-                at_time(min(number * period, duration))
-                for number in range(1, count + 1)
-            ]
-        return states
+        start = motion[:3]
+        if motion.at_rest:
+            return [start]
+
+        speed = [self.limits.speed] * AXES
+        path = plan_trajectory(start, None, speed, self._acceleration, self._jerk)
+        period = self.period
+        duration = path.duration
+        count = math.ceil(duration / period - ROUNDING)
+        times = [min(number * period, duration) for number in range(1, count + 1)]
+        return [start, *map(path.at_time, times)]
 
     def advance(
         self, before: CarriageMotion, state: Sequence[PerCarriage]
@@ -254,15 +257,12 @@ class PathLimiter:
         """Return the motion in a state one period after another motion."""
         position, velocity, acceleration = state
         mean = self._rates(before.position, position)
-        return CarriageMotion(
-            position,
-            velocity,
-            acceleration,
-            mean,
-            self._rates(before.mean_velocity, mean),
-        )
+        change = self._rates(before.mean_velocity, mean)
+        return CarriageMotion(position, velocity, acceleration, mean, change)
 
     def _rates(self, before: PerCarriage, after: PerCarriage) -> PerCarriage:
         """Return the mean rates of change within a period [1/s]."""
-        rate, (a1, a2, a3), (b1, b2, b3) = 1.0 / self.period, before, after
+        rate = 1.0 / self.period
+        a1, a2, a3 = before
+        b1, b2, b3 = after
         return (b1 - a1) * rate, (b2 - a2) * rate, (b3 - a3) * rate

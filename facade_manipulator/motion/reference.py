@@ -112,11 +112,13 @@ class ReferencePath:
 
     def at(self, time: float) -> HeadMotion:
         """Return the motion at a time [s], clamped to the start and end of the path."""
-        elapsed, duration = max(time - self._start, 0.0), self._trajectory.duration
+        elapsed = max(time - self._start, 0.0)
+        duration = self._trajectory.duration
         if elapsed >= duration - LAST:
             # At rest, ruckig rounds to 1e-17 m/s and may then find no path that continues.
             position, _, _ = self._trajectory.at_time(duration)
             return HeadMotion(Pose(*position))
+
         position, velocity, acceleration = self._trajectory.at_time(elapsed)
         return HeadMotion(Pose(*position), Twist(*velocity), tuple(acceleration))
 
@@ -128,35 +130,26 @@ class ReferencePath:
         """Plan a path from a motion to a goal, or to rest."""
         # From rest, limits in proportion to the displacement make the path straight.
         is_moving = any(motion.velocity) or any(motion.acceleration)
-        displacement = (
-            ZERO_POSE if is_moving or not goal else subtract(goal, motion.position)
-        )
-        self._trajectory = plan_trajectory(
-            motion,
-            goal,
-            *(
-                _proportional(limits, displacement)
-                for limits in (
-                    self.settings.speed,
-                    self.settings.acceleration,
-                    self.settings.jerk,
-                )
-            ),
-        )
+        displacement = ZERO_POSE
+        if goal is not None and not is_moving:
+            displacement = subtract(goal, motion.position)
+
+        speed = _proportional(self.settings.speed, displacement)
+        acceleration = _proportional(self.settings.acceleration, displacement)
+        jerk = _proportional(self.settings.jerk, displacement)
+        self._trajectory = plan_trajectory(motion, goal, speed, acceleration, jerk)
         self._start = time
 
 
 def _proportional(limits: tuple[float, ...], displacement: Pose) -> list[float]:
     """Return the largest limits proportional to the displacement; axes at rest keep theirs."""
-    pace = min(
-        (
-            limit / abs(step)
-            for limit, step in zip(limits, displacement, strict=True)
-            if abs(step) > SHORTEST
-        ),
-        default=0.0,
-    )
-    return [
-        pace * abs(step) if abs(step) > SHORTEST else limit
-        for limit, step in zip(limits, displacement, strict=True)
-    ]
+    distances = [abs(step) for step in displacement]
+    pace = math.inf
+    for limit, distance in zip(limits, distances, strict=True):
+        if distance > SHORTEST:
+            pace = min(pace, limit / distance)
+
+    proportional = []
+    for limit, distance in zip(limits, distances, strict=True):
+        proportional.append(pace * distance if distance > SHORTEST else limit)
+    return proportional

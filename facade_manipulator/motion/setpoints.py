@@ -65,10 +65,16 @@ def require_possible(
     backlash = 0.5 * acceleration * SHORTEST
     bound = max(0.5 * acceleration * elapsed, backlash)
     for carriage, before, start, after, end in zip(
-        AXIS_NAMES, *last[1:], *setpoint[1:], strict=True
+        AXIS_NAMES,
+        last.position,
+        last.velocity,
+        setpoint.position,
+        setpoint.velocity,
+        strict=True,
     ):
         mean = (after - before) / elapsed
-        difference, bend = abs(end - mean), abs(0.5 * (start + end) - mean)
+        difference = abs(end - mean)
+        bend = abs(0.5 * (start + end) - mean)
         if difference > bound or (difference > backlash and bend > 0.5 * bound):
             raise InputError(
                 'inconsistent',
@@ -131,10 +137,8 @@ class SetpointStream:
     def __init__(self, geometry: kinematics.Geometry, min_conditioning: float) -> None:
         self.mechanism = kinematics.Mechanism(geometry)
         self._min_conditioning = min_conditioning
-        self._last = (
-            -math.inf,
-            kinematics.ZERO_POSE,
-        )  # time and pose of the last setpoint
+        # time and pose of the last setpoint
+        self._last = (-math.inf, kinematics.ZERO_POSE)
 
     def certify(self, pose: kinematics.Pose) -> kinematics.Carriages:
         """Return the carriages of a goal [m], or raise a LimitError with the violated limit."""
@@ -162,26 +166,25 @@ class SetpointStream:
                 'tolerance',
                 f'tolerance = {spacing} m is below the limit 0 m or not finite',
             )
+        if not spacing:
+            spacing = PATH_SPACING
+
         change = kinematics.difference(goal, start)
-        length = math.hypot(change.x, change.y) + (
-            self.mechanism.geometry.platform_half_length * abs(change.theta)
-        )
-        spacing = spacing or PATH_SPACING
+        half_length = self.mechanism.geometry.platform_half_length
+        length = math.hypot(change.x, change.y) + half_length * abs(change.theta)
         if length > LONGEST_PATH * spacing:
             raise InputError(
                 'tolerance',
                 f'a path of {length:.4g} m in steps of {spacing:g} m is above the limit '
                 f'{LONGEST_PATH} steps',
             )
+
+        carriages = []
         steps = max(1, math.ceil(length / spacing))
-        return [
-            self.certify(
-                kinematics.Pose(
-                    *(a + k / steps * d for a, d in zip(start, change, strict=True))
-                )
-            )
-            for k in range(steps + 1)
-        ]
+        for step in range(steps + 1):
+            pose = kinematics.Pose(*plus(start, change, step / steps))
+            carriages.append(self.certify(pose))
+        return carriages
 
     def setpoint(self, time: float, pose: kinematics.Pose) -> Setpoint:
         """
@@ -193,13 +196,14 @@ class SetpointStream:
         Raises a LimitError with the limit that the pose violates; the stream continues with the
         next pose.
         """
-        mechanism, carriages = self.mechanism, self.certify(pose)
+        carriages = self.certify(pose)
         last_time, last_pose = self._last
-        self._last = time, pose
-        elapsed, velocity = time - last_time, kinematics.Carriages(0.0, 0.0, 0.0)
+        self._last = (time, pose)
+
+        velocity = kinematics.Carriages(0.0, 0.0, 0.0)
+        elapsed = time - last_time
         if 0.0 < elapsed <= STREAM_GAP and pose != last_pose:
             change = kinematics.difference(pose, last_pose)
-            velocity = mechanism.carriage_velocity(
-                pose, kinematics.Twist(*(step / elapsed for step in change))
-            )
+            mean = kinematics.Twist(*(step / elapsed for step in change))
+            velocity = self.mechanism.carriage_velocity(pose, mean)
         return Setpoint(time, carriages, velocity)

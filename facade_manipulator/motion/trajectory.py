@@ -49,21 +49,16 @@ def plan_trajectory(
     """
     plan = ruckig.InputParameter(AXES)
     plan.current_position, plan.current_velocity, present = start
-    # Ruckig rejects an acceleration that rounding has put beyond its limit. It accepts one far
-    # beyond, because the limit has been lowered.
-    plan.current_acceleration = [
-        math.copysign(most, a) if most < abs(a) < most * (1.0 + ROUNDING) else a
-        for a, most in zip(present, acceleration, strict=True)
-    ]
+    limited = zip(present, acceleration, strict=True)
+    plan.current_acceleration = [_without_rounding(*axis) for axis in limited]
+    plan.max_velocity = speed
+    plan.min_velocity = backward_speed
+    plan.max_acceleration = acceleration
     if goal is None:
         plan.control_interface = ruckig.ControlInterface.Velocity
     else:
         plan.target_position = goal
-    plan.max_velocity, plan.min_velocity, plan.max_acceleration = (
-        speed,
-        backward_speed,
-        acceleration,
-    )
+
     trajectory = ruckig.Trajectory(AXES)
     for synchronization in SYNCHRONIZATIONS:
         plan.synchronization = synchronization
@@ -75,6 +70,17 @@ def plan_trajectory(
             with suppress(ruckig.RuckigError):
                 if PLANNER.calculate(plan, trajectory) == ruckig.Result.Working:
                     return trajectory
-    raise ManipulatorError(
-        f'no jerk-limited path from {start[0]} to {"rest" if goal is None else goal}'
-    )
+    end = 'rest' if goal is None else goal
+    raise ManipulatorError(f'no jerk-limited path from {start[0]} to {end}')
+
+
+def _without_rounding(value: float, limit: float) -> float:
+    """
+    Return the limit for an acceleration that rounding has put beyond it.
+
+    Ruckig rejects such an acceleration. It accepts one far beyond, because the limit has been
+    lowered.
+    """
+    if limit < abs(value) < limit * (1.0 + ROUNDING):
+        return math.copysign(limit, value)
+    return value
