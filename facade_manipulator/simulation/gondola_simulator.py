@@ -14,7 +14,13 @@ from sensor_msgs.msg import JointState, Range
 
 from facade_manipulator import topics
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Carriages, compose, difference, Mechanism
+from facade_manipulator.kinematics import (
+    Carriages,
+    compose,
+    difference,
+    Mechanism,
+    Pose,
+)
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.nodes import conversions, messages
 from facade_manipulator.nodes.base_node import BaseNode
@@ -29,13 +35,10 @@ from facade_manipulator.simulation.world.world import World
 DELIVERY_PERIOD = 0.005  # s, between two deliveries of measurements
 SILENCE = 0.1  # s without joint_states, after which the carriages stop
 LONGEST_ADVANCE = 0.2  # s of the world in one callback: 20 ms of computing
-CARRIAGE_SPEED = (
-    1.0  # m/s, speed of the world's carriages towards the positions of the drives
-)
-VIEWER_PERIOD, VIEWER_TIMEOUT = (
-    0.04,
-    2.0,
-)  # s, period of the pictures, and timeout of closing
+# m/s, speed of the world's carriages towards the positions of the drives
+CARRIAGE_SPEED = 1.0
+VIEWER_PERIOD = 0.04  # s, between two pictures
+VIEWER_TIMEOUT = 2.0  # s, of closing
 POSES = (
     topics.HEAD_POSE,
     topics.RAIL_POSE,
@@ -44,9 +47,8 @@ POSES = (
 )
 RAW_SENSORS = topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X
 FORCES = topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES
-NO_ORIENTATION = np.array(
-    (-1.0, *[0.0] * 8)
-)  # covariance of a message without orientation
+# covariance of a message without orientation
+NO_ORIENTATION = np.array((-1.0, *[0.0] * 8))
 
 
 class GondolaSimulatorNode(BaseNode):
@@ -62,23 +64,25 @@ class GondolaSimulatorNode(BaseNode):
         self.diagnostics = Diagnostics(
             self, lambda: [diagnostic_status('world', 'ok', 'simulating', {})]
         )
+
+        published = list(POSES)
+        published += RAW_SENSORS if scenario.raw_sensors else [topics.DISTURBANCE]
+        if scenario.wall.is_touched:
+            published += FORCES
         self._outputs = {
-            topic.name: self.create_publisher(*topic)
-            for topic in (
-                *POSES,
-                *(RAW_SENSORS if scenario.raw_sensors else [topics.DISTURBANCE]),
-                *(FORCES if scenario.wall.is_touched else []),
-            )
+            topic.name: self.create_publisher(*topic) for topic in published
         }
         #: true poses by topic; those of the errors begin with the first goal
         self._poses = {
             topics.HEAD_POSE.name: lambda: self._world.head,
             topics.RAIL_POSE.name: lambda: self._world.rail,
         }
+
         watch = PublisherWatch(self, self.diagnostics)
         watch.subscribe(topics.GOAL_POSE, self._receive_goal)
         watch.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         conversions.steady_timer(self, DELIVERY_PERIOD, self._deliver)
+
         self._viewer = open_viewer(self._world) if setup.world.viewer else None
         self.wants_priority = self._viewer is None  # drawing takes long
         if self._viewer:
@@ -97,10 +101,8 @@ class GondolaSimulatorNode(BaseNode):
     ) -> None:
         output: Any = self._outputs[topic]
         message = output.msg_type(**fields)
-        message.header.frame_id, message.header.stamp = (
-            frame_id,
-            conversions.stamp(time),
-        )
+        message.header.frame_id = frame_id
+        message.header.stamp = conversions.stamp(time)
         output.publish(message)
 
     def _deliver(self) -> None:
@@ -108,6 +110,7 @@ class GondolaSimulatorNode(BaseNode):
         now = conversions.ros_time()
         if now - self._world.time > SILENCE:
             self._advance(now - SILENCE, self._world.carriages)
+
         for name, stamp, values in self._world.raw_sensors.receive(now):
             frame_id = self._frames.prefix + name  # each sensor has its own frame
             self._publish(name, stamp, frame_id, **raw_fields(name, *values))
@@ -122,50 +125,45 @@ class GondolaSimulatorNode(BaseNode):
         goal = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
         self._mechanism.certify(goal)
         world = self._world
-        self._poses |= {
-            topics.WALL_ERROR.name: lambda: difference(world.head, goal),
-            topics.UNCOMPENSATED_ERROR.name: lambda: difference(
-                compose(world.rail, goal), goal
-            ),
-        }
+
+        def uncompensated_error() -> Pose:
+            return difference(compose(world.rail, goal), goal)
+
+        self._poses[topics.WALL_ERROR.name] = lambda: difference(world.head, goal)
+        self._poses[topics.UNCOMPENSATED_ERROR.name] = uncompensated_error
 
     def _receive_joint_states(self, joints: JointState) -> None:
         world = self._world
-        carriages = Carriages(
-            *messages.carriages_from(
-                joints.name, joints.position, 'joint_states position'
-            )
+        positions = messages.carriages_from(
+            joints.name, joints.position, 'joint_states position'
         )
+        carriages = Carriages(*positions)
         self._mechanism.forward_kinematics(carriages)  # rejects impossible positions
         self._advance(messages.seconds(joints.header.stamp), carriages)
+
         for name, pose in self._poses.items():
             if self._outputs[name].get_subscription_count():
-                self._publish(
-                    name,
-                    world.time,
-                    self._frames.facade,
-                    pose=conversions.pose_message(pose()),
-                )
+                message = conversions.pose_message(pose())
+                self._publish(name, world.time, self._frames.facade, pose=message)
         if world.scenario.wall.is_touched:
-            fx, fy, moment = world.measure_wrench()
-            self._publish(
-                topics.CONTACT_WRENCH.name,
-                world.time,
-                self._frames.end_effector,
-                wrench=WrenchMessage(
-                    force=Vector3(x=fx, y=fy), torque=Vector3(z=moment)
-                ),
-            )
-            self._publish(
-                topics.CARRIAGE_FORCES.name,
-                world.time,
-                name=AXIS_NAMES,
-                effort=-world.data.actuator_force,
-            )  # for the drives
+            self._publish_forces()
+
+    def _publish_forces(self) -> None:
+        """Publish the wrench on the head, and the forces on the carriages for the drives."""
+        now = self._world.time
+        fx, fy, moment = self._world.measure_wrench()
+        wrench = WrenchMessage(force=Vector3(x=fx, y=fy), torque=Vector3(z=moment))
+        frame_id = self._frames.end_effector
+        self._publish(topics.CONTACT_WRENCH.name, now, frame_id, wrench=wrench)
+
+        forces = -self._world.data.actuator_force
+        name = topics.CARRIAGE_FORCES.name
+        self._publish(name, now, name=AXIS_NAMES, effort=forces)
 
     def _advance(self, until: float, carriages: Carriages) -> None:
         """Advance the world towards a time [s], with its carriages towards positions [m]."""
-        world, here = self._world, np.array(self._world.carriages)
+        world = self._world
+        here = np.array(world.carriages)
         end = min(until, world.time + LONGEST_ADVANCE)
         way = max(end - world.time, 0.0) * CARRIAGE_SPEED
         world.advance(end, Carriages(*np.clip(carriages, here - way, here + way)))
@@ -196,12 +194,10 @@ def raw_fields(name: str, *values: float) -> dict[str, Any]:
             'max_range': 4.0,
             'radiation_type': Range.INFRARED,
         }
-    rates, accelerations = (
-        Vector3(x=x, y=y, z=z) for x, y, z in (values[:3], values[3:])
-    )
+    wx, wy, wz, ax, ay, az = values
     return {
-        'angular_velocity': rates,
-        'linear_acceleration': accelerations,
+        'angular_velocity': Vector3(x=wx, y=wy, z=wz),
+        'linear_acceleration': Vector3(x=ax, y=ay, z=az),
         'orientation_covariance': NO_ORIENTATION,
     }
 

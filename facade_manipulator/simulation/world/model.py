@@ -23,19 +23,20 @@ def build_model(
     """Return the model of a mechanism and a scenario; a prescribed gondola follows its carrier."""
     spec = mujoco.MjSpec.from_file(str(config_path('gondola.xml')))
     _set_mechanism(spec, geometry)
+
+    length = scenario.gondola.cable_length
     load = 0.5 * GRAVITY * sum(body.mass for body in spec.bodies)  # N, on each cable
     for name, side in (('1', -1.0), ('2', 1.0)):
-        hook, cable = spec.site(f'hook{name}'), spec.tendon(f'cable{name}')
-        hook.pos[2] = spec.site(f'eye{name}').pos[2] + scenario.gondola.cable_length
+        spec.site(f'hook{name}').pos[2] = spec.site(f'eye{name}').pos[2] + length
+        cable = spec.tendon(f'cable{name}')
         # the stiffness in the file is that of 30 m
-        cable.stiffness[0] *= 30.0 / scenario.gondola.cable_length
-        cable.springlength = (
-            0.0,
-            scenario.gondola.cable_length - load / cable.stiffness[0],
-        )
+        cable.stiffness[0] *= 30.0 / length
+        cable.springlength = (0.0, length - load / cable.stiffness[0])
+
         for site in (f'track{name}', f'guide{name}'):
             spec.site(site).pos[0] = side * scenario.gondola.guide_lever
         spec.joint(f'bristle{name}').stiffness[0] = 0.5 * scenario.wall.brush_stiffness
+
     spec.body('wall').pos[1] = scenario.wall.distance
     spec.equality('carrier').active = is_prescribed
     return spec.compile()
@@ -60,6 +61,7 @@ def initial_state(
         data.joint(name).qpos = value
     data.ctrl[:] = q1, q2, q3
     mujoco.mj_forward(model, data)
+
     # a counterweight in the box puts the centre of gravity below the cables
     box = model.body('gondola')
     offset = data.body('gondola').subtree_com[:2]
@@ -71,7 +73,8 @@ def initial_state(
 
 def _set_mechanism(spec: mujoco.MjSpec, geometry: Geometry) -> None:
     for name, sign in (('1', -1.0), ('2', 1.0)):
-        link, half = sign * geometry.link_length, sign * geometry.platform_half_length
+        link = sign * geometry.link_length
+        half = sign * geometry.platform_half_length
         spec.body(f'link{name}').ipos[0] = 0.5 * link
         spec.geom(f'link{name}').fromto[3] = link
         spec.site(f'link{name}').pos[0] = link

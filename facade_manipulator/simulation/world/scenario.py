@@ -25,13 +25,11 @@ class Gondola:
     """The gondola on its cables; config/gondola.xml has the other numbers."""
 
     cable_length: float = 30.0  #: [m]
-    guide_lever: float = (
-        0.6  #: of either end from the middle; 0 lets the gondola yaw freely [m]
-    )
+    #: of either end from the middle; 0 lets the gondola yaw freely [m]
+    guide_lever: float = 0.6
     drag_area: float = 2.4  #: drag coefficient times area [m²]
-    pressure_offset: float = (
-        0.15  #: of the wind's force from the middle, along the wall [m]
-    )
+    #: of the wind's force from the middle, along the wall [m]
+    pressure_offset: float = 0.15
 
 
 @dataclass(frozen=True)
@@ -39,9 +37,8 @@ class Wind:
     """Mean wind and turbulence at the gondola."""
 
     mean_speed: float = 0.0  #: [m/s]; 0 is calm
-    turbulence: float = (
-        0.18  #: standard deviation along the mean wind, as a share of its speed
-    )
+    #: standard deviation along the mean wind, as a share of its speed
+    turbulence: float = 0.18
     direction: float = 0.5  #: 0 blows along x, π/2 onto the wall [rad]
 
 
@@ -59,19 +56,13 @@ class Motion:
 
     def poses(self, times: np.ndarray) -> np.ndarray:
         """Return poses of the rail in frame facade at times since the start [s], shape (n, 3)."""
-        return np.stack(
-            [
-                sum(
-                    (
-                        amplitude * np.sin(math.tau * frequency * times + phase)
-                        for amplitude, frequency, phase in sines
-                    ),
-                    np.zeros(np.shape(times)),
-                )
-                for sines in (self.x, self.y, self.theta)
-            ],
-            axis=-1,
-        )
+        axes = []
+        for sines in (self.x, self.y, self.theta):
+            values = np.zeros(np.shape(times))
+            for amplitude, frequency, phase in sines:
+                values += amplitude * np.sin(math.tau * frequency * times + phase)
+            axes.append(values)
+        return np.stack(axes, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -87,26 +78,19 @@ class Estimator:
     silent_from: float = 0.0  #: since the start [s]
     silent_for: float = 0.0  #: [s]
     wrong_every: float = math.inf  #: time from one wrong moment to the next [s]
-    wrong_for: tuple[float, ...] = (
-        0.06,
-        0.1,
-        0.2,
-    )  #: durations, one after the other [s]
+    #: durations, one after the other [s]
+    wrong_for: tuple[float, ...] = (0.06, 0.1, 0.2)
     wrong_scale: tuple[float, ...] = (1.0, 1.0, 1.0)  #: factors of x, y, θ while wrong
-    wrong_offset: tuple[float, ...] = (
-        0.0,
-        0.0,
-        0.0,
-    )  #: added to x, y, θ while wrong [m, m, rad]
+    #: added to x, y, θ while wrong [m, m, rad]
+    wrong_offset: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Wall:
     """The wall and the brush between head and wall; config/gondola.xml has the other numbers."""
 
-    is_touched: bool = (
-        False  #: whether the mission presses on it and has a force sensor
-    )
+    #: whether the mission presses on it and has a force sensor
+    is_touched: bool = False
     distance: float = 0.45  #: of the wall from the rail in still air [m]
     brush_stiffness: float = 600.0  #: [N/m]
 
@@ -118,15 +102,15 @@ class Mission:
     duration: float = 60.0  #: [s]
     #: of x, y, θ that a demo must reach [dB]; -inf: of an axis that yields to the contact force
     attenuation: tuple[float, ...] = (20.0, 12.0, 12.0)
-    shown_after: float = (
-        10.0  #: duration from which a demo must reach the attenuation [s]
-    )
+    #: duration from which a demo must reach the attenuation [s]
+    shown_after: float = 10.0
     goal_period: float = 6.0  #: time from one goal to the next [s]
+    #: x, y, θ [m, m, rad]
     goals: tuple[tuple[float, float, float], ...] = (
         (0.0, 0.25, 0.0),
         (0.06, 0.25, 0.0),
         (-0.06, 0.255, 0.0),
-    )  #: x, y, θ [m, m, rad]
+    )
 
     def goal(self, elapsed: float) -> Pose:
         """Return the goal [m, m, rad] at a time since the start of the mission [s]."""
@@ -146,9 +130,8 @@ class Scenario:
     estimator: Estimator = Estimator()
     wall: Wall = Wall()
     mission: Mission = Mission()
-    compensator: dict[str, Any] = field(
-        default_factory=dict
-    )  #: parameters by their full names
+    #: parameters by their full names
+    compensator: dict[str, Any] = field(default_factory=dict)
 
 
 def scenario_names() -> list[str]:

@@ -20,7 +20,8 @@ RAW_SENSORS = {
     'range_2': (100.0, 0.008),
     'fix_x': (100.0 / 3.0, 0.06),
 }
-GYROSCOPE_BIAS, ACCELEROMETER_BIAS = 1e-3, 0.02  # rad/s, m/s²
+GYROSCOPE_BIAS = 1e-3  # rad/s
+ACCELEROMETER_BIAS = 0.02  # m/s²
 PLACE_NOISE = 2e-4  # m, standard deviation from one place of the wall to another
 WAVES = 40  # in the error that depends on the place on the wall
 WAVELENGTHS = (0.03, 0.3)  # m
@@ -39,7 +40,8 @@ class DelayedQueue:
     def receive(self, now: float) -> list[Any]:
         """Return the measurements that have arrived since the last call, at the time `now` [s]."""
         count = bisect_right(self._queue, now, key=itemgetter(0))
-        arrived, self._queue = self._queue[:count], self._queue[count:]
+        arrived = self._queue[:count]
+        del self._queue[:count]
         return [item for _, item in arrived]
 
 
@@ -50,25 +52,30 @@ class SimulatedEstimator(DelayedQueue):
         self, settings: Estimator, start: float, random: np.random.Generator
     ) -> None:
         super().__init__()
-        self._settings, self._start, self._random = settings, start, random
-        position, yaw = settings.position_noise**2, settings.yaw_noise**2
-        self._variances = position, position, yaw
+        self._settings = settings
+        self._start = start
+        self._random = random
+        position = settings.position_noise**2
+        self._variances = (position, position, settings.yaw_noise**2)
 
     def sample(self, stamp: float, rail: Pose) -> None:
         """Estimate the rail's true pose [m, m, rad] at a stamp [s]."""
-        settings, elapsed = self._settings, stamp - self._start
+        settings = self._settings
+        elapsed = stamp - self._start
         delay = settings.latency + settings.jitter * self._random.uniform(-1.0, 1.0)
+
         pose = np.array(rail)
         number, since = divmod(elapsed, settings.wrong_every)
         duration = settings.wrong_for[(int(number) - 1) % len(settings.wrong_for)]
         if number > 0.0 and since < duration:
             pose = pose * settings.wrong_scale + settings.wrong_offset
         pose += np.sqrt(self._variances) * self._random.standard_normal(3)
+
         is_silent = 0.0 <= elapsed - settings.silent_from < settings.silent_for
-        if self._random.random() >= settings.loss and not is_silent:
-            self.send(
-                stamp + delay, Estimate(stamp, Pose(*pose.tolist()), self._variances)
-            )
+        is_lost = self._random.random() < settings.loss
+        if not is_silent and not is_lost:
+            estimate = Estimate(stamp, Pose(*pose.tolist()), self._variances)
+            self.send(stamp + delay, estimate)
 
 
 class Measurement(NamedTuple):
@@ -93,18 +100,21 @@ class RawSensors(DelayedQueue):
     def sample(self, model: Any, data: Any, name: str, stamp: float) -> None:
         """Read a sensor at a stamp [s] and send the reading, which arrives after its latency."""
         if name == 'imu':
-            values = (
-                *self._noisy('gyro', model, data, GYROSCOPE_BIAS),
-                *self._noisy('accelerometer', model, data, ACCELEROMETER_BIAS),
+            rates = self._noisy('gyro', model, data, GYROSCOPE_BIAS)
+            values = rates + self._noisy(
+                'accelerometer', model, data, ACCELEROMETER_BIAS
             )
         else:
-            values = self._noisy(name, model, data, self._place_error(name, data))[:1]
-        self.send(stamp + RAW_SENSORS[name][1], Measurement(name, stamp, values))
+            offset = self._place_error(name, data)
+            values = self._noisy(name, model, data, offset)[:1]
+        _, latency = RAW_SENSORS[name]
+        self.send(stamp + latency, Measurement(name, stamp, values))
 
     def _noisy(
         self, name: str, model: Any, data: Any, offset: float
     ) -> tuple[float, ...]:
-        true, deviation = data.sensor(name).data, model.sensor(name).noise[0]
+        true = data.sensor(name).data
+        deviation = model.sensor(name).noise[0]
         # the same numbers as from Generator.normal, in a quarter of its time
         noise = deviation * self._random.standard_normal(len(true))
         return tuple((true + offset + noise).tolist())

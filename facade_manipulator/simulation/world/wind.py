@@ -33,11 +33,8 @@ def spectral_density(wind: Wind, frequencies: np.ndarray) -> np.ndarray:
     """Return S along and across the mean wind [m²/s] at frequencies [Hz], shape (2, n)."""
     times = LENGTHS / wind.mean_speed
     variances = (wind.turbulence * wind.mean_speed * SHARES) ** 2
-    return (
-        4.0
-        * (variances * times)[:, None]
-        / (1.0 + 6.0 * np.outer(times, frequencies)) ** (5.0 / 3.0)
-    )
+    decay = (1.0 + 6.0 * np.outer(times, frequencies)) ** (5.0 / 3.0)
+    return 4.0 * (variances * times)[:, None] / decay
 
 
 class Gusts:
@@ -47,12 +44,14 @@ class Gusts:
         edges = np.geomspace(*FREQUENCIES, TONES + 1)
         # a random frequency in each band, so that the gusts do not repeat
         frequencies = edges[:-1] * (edges[1:] / edges[:-1]) ** random.random(TONES)
-        self._amplitudes = np.sqrt(
-            2.0 * spectral_density(wind, frequencies) * np.diff(edges)
-        )
+        # a tone of amplitude √(2 S Δf) has the variance S Δf of its band
+        density = spectral_density(wind, frequencies)
+        self._amplitudes = np.sqrt(2.0 * density * np.diff(edges))
         self._rates = math.tau * frequencies
         self._phases = random.uniform(0.0, math.tau, (2, TONES))
-        cosine, sine = math.cos(wind.direction), math.sin(wind.direction)
+
+        cosine = math.cos(wind.direction)
+        sine = math.sin(wind.direction)
         self._turn = np.array([[cosine, -sine], [sine, cosine]])
         self.mean = self._turn @ (wind.mean_speed, 0.0)  #: along x and y [m/s]
 
@@ -63,5 +62,5 @@ class Gusts:
 
 
 def drag(gondola: Gondola, wind: np.ndarray) -> np.ndarray:
-    """Return the force along x and y [N] of a wind relative to the gondola [m/s]."""
+    """Return the force ½ ρ c A |v| v along x and y [N] of a wind v on the gondola [m/s]."""
     return 0.5 * AIR_DENSITY * gondola.drag_area * math.hypot(*wind) * wind

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 import math
 from typing import Any
@@ -18,6 +19,41 @@ from facade_manipulator.simulation.world.wind import drag, Gusts
 
 CLEARANCE = 0.02  # m, from the wall to the head at the start
 WIND_RATE = 100.0  # Hz, of changes of the wind's force
+
+
+class CarriageServos:
+    """
+    Servos of the carriages, which follow the targets of the drives with a lag.
+
+    `World.advance` calls `inputs` once for each new target.
+    """
+
+    def __init__(self, model: mujoco.MjModel, carriages: Carriages, lag: float) -> None:
+        self._lag = lag
+        self._target = np.array(carriages)
+        self._lagged = self._target
+        _, stiffness, damping = model.actuator('q1').biasprm[:3]
+        # s, lag of the servos without correction
+        self._damping_time = damping / stiffness
+
+    def inputs(self, target: np.ndarray, count: int, step: float) -> np.ndarray:
+        """Return the inputs of the servos [m] at the ends of all steps, shape (n + 1, 3)."""
+        elapsed = step * np.arange(count + 1)[:, None]
+        rate = (target - self._target) / (count * step)
+
+        # A first-order lag T answers a ramp p + r t exactly with
+        # b + r t + (y − b) e^(−t/T), where b = p − r T and y is its value at the start.
+        behind = self._target - rate * self._lag
+        if self._lag:
+            decay = np.exp(-elapsed / self._lag)
+        else:
+            decay = np.where(elapsed == 0.0, 1.0, 0.0)
+        lagged = behind + rate * elapsed + (self._lagged - behind) * decay
+        self._target = target
+        self._lagged = lagged[-1]
+
+        velocities = np.diff(lagged, axis=0)[[*range(count), -1]] / step
+        return lagged + self._damping_time * velocities
 
 
 class World:
@@ -48,45 +84,37 @@ class World:
         drive_lag: float = 0.0,
     ) -> None:
         self.scenario = scenario
-        self._start, self._lag = start, drive_lag
+        self._start = start
         is_prescribed = any(vars(scenario.motion).values())
         self.model = build_model(geometry, scenario, is_prescribed)
         goal = scenario.mission.goal(0.0)
         off_wall = goal._replace(y=min(goal.y, scenario.wall.distance - CLEARANCE))
         self.data: Any = initial_state(self.model, geometry, head or off_wall)
-        self._target = self._lagged = np.array(self.carriages)
-        _, stiffness, damping = self.model.actuator('q1').biasprm[:3]
-        self._damping_time = (
-            damping / stiffness
-        )  # s, lag of the servos without correction
+        self._servos = CarriageServos(self.model, self.carriages, drive_lag)
         # the weld is a spring and a damper of 2 timeconst, and the damper resists the carrier
         self._carrier_lag = 2.0 * float(self.model.equality('carrier').solref[0])  # s
-        wind, estimator, raw_sensors, self._wrench_noise = (
-            np.random.default_rng((scenario.seed, part)) for part in range(4)
-        )
+
+        seeds = [(scenario.seed, part) for part in range(4)]
+        wind, estimator, raw_sensors, wrench = map(np.random.default_rng, seeds)
+        self._wrench_noise = wrench
         self.estimator = sensors.SimulatedEstimator(
             scenario.estimator, start, estimator
         )
         self.raw_sensors = sensors.RawSensors(raw_sensors)
-        self._tasks: list[tuple[float, Any]] = (
-            [  # rate [Hz], and a function of a stamp [s]
-                (rate, partial(self.raw_sensors.sample, self.model, self.data, name))
-                for name, (rate, _) in sensors.RAW_SENSORS.items()
-            ]
-            if scenario.raw_sensors
-            else [
-                (
-                    scenario.estimator.rate,
-                    lambda stamp: self.estimator.sample(stamp, self.rail),
-                )
-            ]
-        )
-        if scenario.wind.mean_speed and not is_prescribed:
-            self._tasks.append(
-                (WIND_RATE, partial(self._blow, Gusts(scenario.wind, wind)))
-            )
+
+        # rate [Hz], and a function of a stamp [s]
+        self._tasks: list[tuple[float, Callable[[float], None]]] = []
+        if scenario.raw_sensors:
+            for name, (rate, _) in sensors.RAW_SENSORS.items():
+                read = partial(self.raw_sensors.sample, self.model, self.data, name)
+                self._tasks.append((rate, read))
+        else:
+            self._tasks.append((scenario.estimator.rate, self._estimate))
         if is_prescribed:
             self._begin_motion()
+        elif scenario.wind.mean_speed:
+            blow = partial(self._blow, Gusts(scenario.wind, wind))
+            self._tasks.append((WIND_RATE, blow))
 
     @property
     def time(self) -> float:
@@ -111,79 +139,69 @@ class World:
     @property
     def wrench(self) -> Wrench:
         """Return the wrench of the brush on the head in its frame, without noise [N, N, N m]."""
-        fx, fy, _ = self.data.sensor(
-            'force'
-        ).data.tolist()  # force of the head on the brush
-        return Wrench(-fx, -fy, -float(self.data.sensor('torque').data[2]))
+        # force and moment of the head on the brush
+        fx, fy, _ = self.data.sensor('force').data.tolist()
+        _, _, moment = self.data.sensor('torque').data.tolist()
+        return Wrench(-fx, -fy, -moment)
 
     def measure_wrench(self) -> Wrench:
         """Return a reading of the force sensor, with noise [N, N, N m]."""
-        force, moment = (
-            self.model.sensor(name).noise[0] for name in ('force', 'torque')
-        )
+        force = self.model.sensor('force').noise[0]
+        moment = self.model.sensor('torque').noise[0]
         noise = self._wrench_noise.standard_normal(3) * (force, force, moment)
         return Wrench(*(noise + self.wrench).tolist())
 
     def advance(self, time: float, target: Carriages) -> None:
         """Advance to a time [s] while the drives' targets move linearly to new targets [m]."""
-        data, step = self.data, self.model.opt.timestep
+        data = self.data
+        step = self.model.opt.timestep
         count = round((time - self.time) / step)
         if count <= 0:
             return
+
         first = round(data.time / step)
         times = step * np.arange(first, first + count + 1) + self._carrier_lag
+        positions, attitudes = _placements(self.scenario.motion.poses(times))
+        inputs = self._servos.inputs(np.array(target), count, step)
+        *commands, last = zip(inputs, positions, attitudes, strict=True)
         tasks = [(round(1.0 / (rate * step)), task) for rate, task in self._tasks]
-        *commands, last = zip(
-            self._controls(np.array(target), count, step),
-            *_placements(self.scenario.motion.poses(times)),
-            strict=True,
-        )
+
         # each access of `data` makes another view
-        ctrl, position, attitude = data.ctrl, data.mocap_pos[0], data.mocap_quat[0]
+        ctrl = data.ctrl
+        position = data.mocap_pos[0]
+        attitude = data.mocap_quat[0]
         for number, command in enumerate(commands, first):
             ctrl[:], position[:], attitude[:] = command
             mujoco.mj_step(self.model, data)
             for every, act in tasks:
-                if (
-                    number % every == 0
-                ):  # mj_step keeps sensors and poses from before the step
+                # mj_step keeps sensors and poses from before the step
+                if number % every == 0:
                     act(self._start + number * step)
         ctrl[:], position[:], attitude[:] = last
         mujoco.mj_forward(self.model, data)
 
-    def _controls(self, target: np.ndarray, count: int, step: float) -> np.ndarray:
-        """Return the inputs of the servos [m] at the ends of all steps, shape (n + 1, 3)."""
-        elapsed = step * np.arange(count + 1)[:, None]
-        rate = (target - self._target) / (count * step)
-        behind = self._target - rate * self._lag
-        # exact answer of a first-order lag to a ramp
-        decay = np.exp(-elapsed / self._lag) if self._lag else elapsed == 0.0
-        lagged = behind + rate * elapsed + (self._lagged - behind) * decay
-        self._target, self._lagged = target, lagged[-1]
-        velocities = np.diff(lagged, axis=0)[[*range(count), -1]] / step
-        return lagged + self._damping_time * velocities
+    def _estimate(self, stamp: float) -> None:
+        self.estimator.sample(stamp, self.rail)
 
     def _blow(self, gusts: Gusts, stamp: float) -> None:
         """Set the force of the wind; the mean wind's force is part of the equilibrium."""
-        gondola, data = self.scenario.gondola, self.data
-        wind = gusts.velocity(stamp - self._start) - data.joint('gondola').qvel[:2]
+        gondola = self.scenario.gondola
+        velocity = self.data.joint('gondola').qvel[:2]
+        wind = gusts.velocity(stamp - self._start) - velocity
         force = drag(gondola, wind) - drag(gondola, gusts.mean)
-        data.body('gondola').xfrc_applied[:] = (
-            *force,
-            0.0,
-            0.0,
-            0.0,
-            gondola.pressure_offset * force[1],
-        )
+        moment = gondola.pressure_offset * force[1]
+        applied = self.data.body('gondola').xfrc_applied
+        applied[:] = (*force, 0.0, 0.0, 0.0, moment)
 
     def _begin_motion(self) -> None:
         """Set the gondola onto its prescribed path."""
-        joint, data, instant = self.data.joint('gondola'), self.data, 1e-4
+        joint = self.data.joint('gondola')
+        instant = 1e-4  # s
         poses = self.scenario.motion.poses(np.array((-instant, 0.0, instant)))
         joint.qpos[:] = np.hstack(_placements(poses))[1]
         change = (poses[2] - poses[0]) / (2.0 * instant)
         joint.qvel[:] = (*change[:2], 0.0, 0.0, 0.0, change[2])
-        mujoco.mj_forward(self.model, data)
+        mujoco.mj_forward(self.model, self.data)
 
     def _pose(self, site: str) -> Pose:
         view = self.data.site(site)
@@ -193,8 +211,11 @@ class World:
 
 def _placements(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the positions [m] and the quaternions of planar poses, shapes (n, 3) and (n, 4)."""
-    (x, y, theta), none = poses.T, np.zeros(len(poses))
-    return (
-        np.column_stack((x, y, none)),
-        np.column_stack((np.cos(0.5 * theta), none, none, np.sin(0.5 * theta))),
-    )
+    x, y, theta = poses.T
+    none = np.zeros(len(poses))
+    positions = np.column_stack((x, y, none))
+
+    cosine = np.cos(0.5 * theta)
+    sine = np.sin(0.5 * theta)
+    attitudes = np.column_stack((cosine, none, none, sine))
+    return positions, attitudes
