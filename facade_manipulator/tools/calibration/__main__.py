@@ -45,42 +45,41 @@ def plan_poses(options: argparse.Namespace) -> Iterator[str]:
     carriages = geometry.spread_carriages(drawing, options.count)
     yield 'goal_x,goal_y,goal_qz,goal_qw,q1_mm,q2_mm,q3_mm,x_mm,y_mm,theta_deg'
     x, y, theta = geometry.head_poses(drawing, carriages).T
-    for row in np.column_stack(
-        [x, y, np.sin(theta / 2), np.cos(theta / 2), 1e3 * carriages]
-    ):
+    sine = np.sin(theta / 2)
+    cosine = np.cos(theta / 2)
+    for row in np.column_stack([x, y, sine, cosine, 1e3 * carriages]):
         yield ','.join(f'{value:.5f}' for value in row) + ',,,'
 
 
 def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
     """Yield the geometric errors of the machine and the lines of the parameter file."""
-    drawing, table = _geometry(options), read_table(options.table, AXIS_NAMES, AXES)
+    drawing = _geometry(options)
+    table = read_table(options.table, AXIS_NAMES, AXES)
     measurements = geometry.Measurements(table[:, :3], table[:, 3:])
     noise = np.take(options.noise, [0, 0, 1]) * [1e-3, 1e-3, math.radians(1.0)]
     found = geometry.fit_geometry(drawing, measurements, noise, options.frame)
+
     for k, value, deviation in zip(
         found.sought, found.values, found.deviations, strict=True
     ):
-        yield _line(geometry.ERRORS[k][0], value, deviation, geometry.ERRORS[k][2])
-    yield from (
-        f'The poses do not determine {combination}.'
-        for combination in found.unidentified
-    )
-    yield from (
-        f'Row {row + 1} contradicts the others ({in_units(found.residuals[row])}) and is '
-        'left out; next: measure it again.'
-        for row in np.flatnonzero(found.outliers)
-    )
+        name, _, unit = geometry.ERRORS[k]
+        yield _line(name, value, deviation, unit)
+    for combination in found.unidentified:
+        yield f'The poses do not determine {combination}.'
+    for row in np.flatnonzero(found.outliers):
+        yield (
+            f'Row {row + 1} contradicts the others ({in_units(found.residuals[row])}) and is '
+            'left out; next: measure it again.'
+        )
     yield f'The rows scatter by {found.scatter:.2f} times the stated noise.'
     yield f'The maximum standard deviation of the head is {in_units(found.head_deviation)}.'
-    before, after = map(
-        in_units, geometry.held_out_errors(drawing, measurements, noise, found)
-    )
+
+    errors = geometry.held_out_errors(drawing, measurements, noise, found)
+    before, after = map(in_units, errors)
     yield f'Rows left out of the fit were off by {before} before and are off by {after} now.'
-    yield from _parameters(
-        '/**',
-        'geometry',
-        {name: getattr(found.geometry, name) for name in geometry.FIELDS},
-    )
+
+    values = {name: getattr(found.geometry, name) for name in geometry.FIELDS}
+    yield from _parameters('/**', 'geometry', values)
 
 
 def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
@@ -88,13 +87,13 @@ def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
     recording = read_estimator_recording(
         options.recording, options.head, options.namespace
     )
-    given = read_machine(options.parameters, 'compensator')
-    found = estimator.fit_estimator(
-        _geometry(options),
-        recording,
-        ParameterSource(given).read(EstimateSettings, 'estimate'),
-    )
-    mounting, delay = found.settings.mounting, found.settings.delay
+    source = _source(options)
+    machine = source.read(Geometry, 'geometry')
+    present = source.read(EstimateSettings, 'estimate')
+    found = estimator.fit_estimator(machine, recording, present)
+
+    mounting = found.settings.mounting
+    delay = found.settings.delay
     for name, value, deviation, unit in zip(
         estimator.SOUGHT,
         (*mounting, delay),
@@ -104,18 +103,21 @@ def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
     ):
         yield _line(name, value, deviation, unit)
     yield f'The instrument is {1e3 * found.late:+.1f} ms late; {in_units(found.residual)} remain.'
-    yield from _parameters(
-        '/**/compensator', 'estimate', {'mounting': mounting, 'delay': delay}
-    )
+    values = {'mounting': mounting, 'delay': delay}
+    yield from _parameters('/**/compensator', 'estimate', values)
+
+
+def _source(options: argparse.Namespace) -> ParameterSource:
+    return ParameterSource(read_machine(options.parameters, 'compensator'))
 
 
 def _geometry(options: argparse.Namespace) -> Geometry:
-    given = read_machine(options.parameters, 'compensator')
-    return ParameterSource(given).read(Geometry, 'geometry')
+    return _source(options).read(Geometry, 'geometry')
 
 
 def _line(name: str, value: float, deviation: float, unit: tuple[str, float]) -> str:
-    return f'{name:43s} {value * unit[1]:+9.3f} +- {deviation * unit[1]:.3f} {unit[0]}'
+    symbol, factor = unit
+    return f'{name:43s} {value * factor:+9.3f} +- {deviation * factor:.3f} {symbol}'
 
 
 def _parameters(section: str, group: str, values: Mapping[str, Any]) -> Iterator[str]:
@@ -138,13 +140,9 @@ def _parser() -> argparse.ArgumentParser:
         'beside the first file follows it',
     )
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
-    poses, errors, mounting = (
-        commands.add_parser(name, parents=[files], help=text)
-        for name, text in (
-            ('poses', 'print poses to measure at, as a CSV table'),
-            ('geometry', 'find the errors of the machine from a table'),
-            ('estimator', 'find mounting and delay from a recording'),
-        )
+
+    poses = commands.add_parser(
+        'poses', parents=[files], help='print poses to measure at, as a CSV table'
     )
     poses.set_defaults(run=plan_poses)
     poses.add_argument(
@@ -154,6 +152,10 @@ def _parser() -> argparse.ArgumentParser:
         choices=range(4, 201),
         metavar='N',
         help='number of poses, from 4 to 200 (default 20)',
+    )
+
+    errors = commands.add_parser(
+        'geometry', parents=[files], help='find the errors of the machine from a table'
     )
     errors.set_defaults(run=calibrate_geometry)
     errors.add_argument(
@@ -172,6 +174,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     errors.add_argument(
         '--frame', action='store_true', help="find the instrument's frame too"
+    )
+
+    mounting = commands.add_parser(
+        'estimator', parents=[files], help='find mounting and delay from a recording'
     )
     mounting.set_defaults(run=calibrate_estimator)
     mounting.add_argument(

@@ -25,7 +25,10 @@ SOUGHT = 'x of the mounting', 'y of the mounting', 'yaw of the mounting', 'delay
 NEEDED = np.array([0.02, 0.02, 0.005, 0.01])
 # The next parameters: delay of the instrument; pose, drift and bend of its frame.
 SCALES = np.append(NEEDED, np.full(10, 0.01))
-DELAY, LATE, FRAME = 3, 4, 5
+# places of the parameters
+DELAY = 3
+LATE = 4
+FRAME = 5
 LONGEST_DELAY = 0.5  # s
 MIN_OVERLAP = 20.0  # s
 MOST_SAMPLES = 3000
@@ -65,39 +68,41 @@ def fit_estimator(
 
     disturbance, joints, wall = _in_common(recording)
     heads = head_poses(geometry, joints[:, 1:])
-    for time in joints[np.isnan(heads).any(axis=1), 0]:
+    impossible = joints[np.isnan(heads).any(axis=1), 0]
+    if len(impossible):
         raise CalibrationError(
-            f'joints rejected: the links do not close {time:.2f} s after the first disturbance; '
-            'next: check geometry and unit of the carriages'
+            f'joints rejected: the links do not close {impossible[0]:.2f} s after the first '
+            'disturbance; next: check geometry and unit of the carriages'
         )
-    published, head = _smoothed(disturbance), CubicSpline(joints[:, 0], heads)
-    times, measured = wall[:, 0], wall[:, 1:]
+
+    published = _smoothed(disturbance)
+    head = CubicSpline(joints[:, 0], heads)
+    times = wall[:, 0]
+    measured = wall[:, 1:]
     drift = np.vander(np.linspace(-1.0, 1.0, len(times)), 3, increasing=True)
 
     def misses(scaled: np.ndarray) -> np.ndarray:
         """Return measured minus expected heads on the wall [m, m, rad], shape (n, 3)."""
         values = scaled * SCALES
         delay, late = np.clip(values[[DELAY, LATE]], -LONGEST_DELAY, LONGEST_DELAY)
+        disturbances = published(times - late + delay)
+        frames = drift @ values[FRAME:].reshape(3, 3).T
         return measured - expected_heads(
-            values[:DELAY],
-            present.axes,
-            published(times - late + delay),
-            head(times - late),
-            drift @ values[FRAME:].reshape(3, 3).T,
+            values[:DELAY], present.axes, disturbances, head(times - late), frames
         )
 
+    def weighed(scaled: np.ndarray) -> np.ndarray:
+        return (misses(scaled) / noise).ravel()
+
     scaled = np.append([*present.mounting, present.delay], np.zeros(10)) / SCALES
+    # x and y of the instrument's frame
     scaled[[FRAME, FRAME + 3]] = np.median(misses(scaled), axis=0)[:2] / SCALES[FRAME]
     noise = np.full(3, SMALL)
-    for _ in range(
-        4
-    ):  # first with guessed weights, then with weights from the residuals
-        scaled, jacobian = robust.fit(
-            lambda at: (misses(at) / noise).ravel(),  # noqa: B023
-            scaled,
-            'soft_l1',
-        )
+    # first with guessed weights, then with weights from the residuals
+    for _ in range(4):
+        scaled, jacobian = robust.fit(weighed, scaled, 'soft_l1')
         noise = np.maximum(robust.deviation(misses(scaled)), 1e-9)
+
     motion = published(times).std(axis=0)
     if (noise > np.maximum(SMALL, MOST_LEFT * motion)).any():
         raise CalibrationError(
@@ -105,24 +110,23 @@ def fit_estimator(
             'next: check the clocks of both computers, and unit, sign and order of the axes of '
             'estimator and instrument'
         )
-    weighed = np.clip(misses(scaled) / noise, -robust.INLIER, robust.INLIER)
+
+    # J − Q Qᵀ J is the part of the rates J that the other parameters do not explain. A number of
+    # correlated samples counts as one.
     basis, _ = np.linalg.qr(jacobian[:, LATE:])
-    rates = jacobian[:, :LATE] - basis @ (
-        basis.T @ jacobian[:, :LATE]
-    )  # unexplained by others
-    rates /= np.sqrt(max(map(correlated_samples, weighed.T)))
+    rates = jacobian[:, :LATE] - basis @ (basis.T @ jacobian[:, :LATE])
+    inliers = np.clip(misses(scaled) / noise, -robust.INLIER, robust.INLIER)
+    rates /= np.sqrt(max(map(correlated_samples, inliers.T)))
     if blind := robust.unidentified(rates, np.ones(LATE), SOUGHT):
         raise CalibrationError(
             f'recording rejected: it does not determine {"; ".join(blind)}; next: record longer, '
             'let the gondola turn for the mounting, and the head move on the rail for the delay'
         )
+
     found = (scaled * SCALES).tolist()
-    return EstimatorFit(
-        replace(present, mounting=tuple(found[:DELAY]), delay=found[DELAY]),
-        np.sqrt(np.diag(np.linalg.inv(rates.T @ rates))) * NEEDED,
-        found[LATE],
-        noise,
-    )
+    settings = replace(present, mounting=tuple(found[:DELAY]), delay=found[DELAY])
+    deviations = np.sqrt(np.diag(np.linalg.inv(rates.T @ rates))) * NEEDED
+    return EstimatorFit(settings, deviations, found[LATE], noise)
 
 
 def expected_heads(
@@ -145,36 +149,41 @@ def expected_heads(
         Published disturbances, heads on the rail, and poses of `facade` in the instrument's frame.
 
     """
-    published_place, head, frame = (
-        poses[:, 0] + 1j * poses[:, 1] for poses in (published, heads, frames)
-    )
-    place, yaw = mounting[0] + 1j * mounting[1], published[:, 2] - mounting[2]
-    on_facade = (
-        published_place * np.exp(1j * axes) + place + np.exp(1j * yaw) * (head - place)
-    )
-    seen = frame + np.exp(1j * frames[:, 2]) * on_facade
-    return np.column_stack([seen.real, seen.imag, yaw + frames[:, 2] + heads[:, 2]])
+    place = mounting[0] + 1j * mounting[1]
+    yaw = published[:, 2] - mounting[2]
+
+    # With p published, m the place of the estimator and h the head, as x + i y:
+    # on the facade  e^(i axes) p + m + e^(i yaw) (h − m), then moved into the instrument's frame
+    lever = _complex(heads) - place
+    estimator = _complex(published) * np.exp(1j * axes) + place
+    on_facade = estimator + np.exp(1j * yaw) * lever
+    seen = _complex(frames) + np.exp(1j * frames[:, 2]) * on_facade
+    theta = yaw + frames[:, 2] + heads[:, 2]
+    return np.column_stack([seen.real, seen.imag, theta])
+
+
+def _complex(poses: np.ndarray) -> np.ndarray:
+    """Return the places of poses as complex numbers x + i y [m]."""
+    return poses[:, 0] + 1j * poses[:, 1]
 
 
 def _in_common(recording: EstimatorRecording) -> EstimatorRecording:
     """Return the period common to all series; stamps count from the first disturbance [s]."""
-    start = recording.disturbance[
-        0, 0
-    ]  # seconds since 1970 leave too few digits for a delay
-    disturbance, joints, wall = (table - [start, 0.0, 0.0, 0.0] for table in recording)
-    begin = (
-        max(table[0, 0] for table in (disturbance, joints, wall)) + 2 * LONGEST_DELAY
-    )
-    end = min(table[-1, 0] for table in (disturbance, joints, wall)) - 2 * LONGEST_DELAY
+    # seconds since 1970 leave too few digits for a delay
+    start = recording.disturbance[0, 0]
+    series = [table - [start, 0.0, 0.0, 0.0] for table in recording]
+    begin = max(table[0, 0] for table in series) + 2 * LONGEST_DELAY
+    end = min(table[-1, 0] for table in series) - 2 * LONGEST_DELAY
     if end - begin < MIN_OVERLAP:
         raise CalibrationError(
             f'recording rejected: its series share {end - begin:.1f} s, below {MIN_OVERLAP:g} s; '
             'next: record longer, with synchronised clocks'
         )
+
+    disturbance, joints, wall = series
     wall = wall[(begin <= wall[:, 0]) & (wall[:, 0] <= end)]
-    return EstimatorRecording(
-        disturbance, joints, wall[:: max(1, len(wall) // MOST_SAMPLES)]
-    )
+    every = max(1, len(wall) // MOST_SAMPLES)
+    return EstimatorRecording(disturbance, joints, wall[::every])
 
 
 def _smoothed(disturbance: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
@@ -189,11 +198,10 @@ def _smoothed(disturbance: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     stamps = disturbance[:, 0]
     step = float(np.median(np.diff(stamps)))
     even = np.arange(stamps[0], stamps[-1], step)
-    series = np.column_stack(
-        [np.interp(even, stamps, column) for column in disturbance.T[1:]]
-    )
+    axes = [np.interp(even, stamps, column) for column in disturbance.T[1:]]
     low_pass = butter(4, CUTOFF, fs=max(1.0 / step, 4.0 * CUTOFF), output='sos')
-    return CubicSpline(even, sosfiltfilt(low_pass, series, axis=0))
+    smoothed = sosfiltfilt(low_pass, np.column_stack(axes), axis=0)
+    return CubicSpline(even, smoothed)
 
 
 def correlated_samples(series: np.ndarray) -> float:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from typing import NamedTuple
 
@@ -28,10 +29,9 @@ from facade_manipulator.kinematics import (
 from facade_manipulator.tools.calibration import robust
 
 AXES = ('x', 'y', 'theta')  # of the head
-MM, DEG = (
-    ('mm', 1e3),
-    ('deg', 180.0 / np.pi),
-)  # units of the report, with their factor from SI
+# units of the report, with their factor from SI
+MM = ('mm', 1e3)
+DEG = ('deg', 180.0 / np.pi)
 UNITS = MM, MM, DEG  # of the head
 # share of its tolerance: an error measured worse than this adds little to the drawing
 NEEDED = 0.5
@@ -75,6 +75,10 @@ class Measurements(NamedTuple):
     carriages: np.ndarray  #: as the drives count them, shape (n, 3) [m]
     heads: np.ndarray  #: shape (n, 3) [m, m, rad]; NaN where not measured
 
+    def at(self, rows: np.ndarray) -> Measurements:
+        """Return the measurements in some rows."""
+        return Measurements(self.carriages[rows], self.heads[rows])
+
 
 class GeometryFit(NamedTuple):
     """Result of a calibration: the machine and the quality of the fit."""
@@ -85,9 +89,8 @@ class GeometryFit(NamedTuple):
     values: np.ndarray  #: values of these errors [m, rad]
     deviations: np.ndarray  #: their standard deviations [m, rad]
     residuals: np.ndarray  #: measured minus expected heads, shape (n, 3) [m, m, rad]
-    outliers: (
-        np.ndarray
-    )  #: whether a row contradicts the others and is left out, shape (n,)
+    #: whether a row contradicts the others and is left out, shape (n,)
+    outliers: np.ndarray
     scatter: float  #: residuals over the stated noise; 1 where both agree
     unidentified: list[str]  #: combinations of errors that the poses do not determine
     head_deviation: np.ndarray  #: maximum in the workspace, shape (3,) [m, m, rad]
@@ -96,28 +99,29 @@ class GeometryFit(NamedTuple):
 def machine(geometry: Geometry, values: np.ndarray) -> tuple[Geometry, Pose]:
     """Return a geometry with the values of `ERRORS`, and the rail in the instrument's frame."""
     link1, link2, half1, half2, q1, q2, q3, angle, *poses = values.tolist()
-    return replace(
+    changed = replace(
         geometry,
         link_errors=(link1, link2),
         platform_errors=(half1, half2),
         carriage_offsets=(q1, q2, q3),
         rail_angle=angle,
         tool=tuple(poses[:3]),
-    ), Pose(*poses[3:])
+    )
+    return changed, Pose(*poses[3:])
 
 
 def head_poses(
     geometry: Geometry, carriages: np.ndarray, frame: Pose = ZERO_POSE
 ) -> np.ndarray:
     """Return poses of the head, shape (n, 3) [m, m, rad], NaN where the links do not close."""
-    mechanism, heads = Mechanism(geometry), np.full((len(carriages), 3), np.nan)
+    mechanism = Mechanism(geometry)
+    heads = np.full((len(carriages), 3), np.nan)
     for row, positions in enumerate(carriages.tolist()):
         try:
-            heads[row] = compose(
-                frame, mechanism.forward_kinematics(Carriages(*positions))
-            )
+            head = mechanism.forward_kinematics(Carriages(*positions))
         except LimitError:
             continue
+        heads[row] = compose(frame, head)
     return heads
 
 
@@ -155,29 +159,9 @@ def fit_geometry(
 
     """
     carriages, heads = measurements
-    frame, sought = ZERO_POSE, IN_ANY_FRAME if has_frame else IN_RAIL
-    if has_frame:  # approximately, from the first row
-        seen, drawn = next(
-            zip(
-                *(
-                    poses[np.isfinite(heads).all(axis=1)].tolist()
-                    for poses in (heads, head_poses(drawing, carriages))
-                ),
-                strict=True,
-            ),
-            (ZERO_POSE, ZERO_POSE),
-        )
-        frame = compose(Pose(*seen), invert(Pose(*drawn)))
-    drawn = np.array(
-        [
-            *drawing.link_errors,
-            *drawing.platform_errors,
-            *drawing.carriage_offsets,
-            drawing.rail_angle,
-            *drawing.tool,
-            *frame,
-        ]
-    )
+    sought = IN_ANY_FRAME if has_frame else IN_RAIL
+    frame = _first_frame(drawing, measurements) if has_frame else ZERO_POSE
+    drawn = np.hstack([*(getattr(drawing, name) for name in FIELDS), frame])
 
     def values(scaled: np.ndarray) -> np.ndarray:
         """Return all errors [m, rad] from the fitted errors in units of their tolerances."""
@@ -200,20 +184,12 @@ def fit_geometry(
     scaled, jacobian, used = _fit_rows(misses, np.isfinite(heads), len(sought))
     remain = misses(scaled)
     scatter = np.sqrt((remain[used] ** 2).sum() / max(1, used.sum() - len(sought)))
+
+    # The rates J of the residuals and the drawing give the covariance (Jᵀ J + I)⁻¹.
     rates = jacobian[: -len(sought)] / max(1.0, scatter)
     covariance = np.linalg.inv(rates.T @ rates + np.eye(len(sought)))
-    grid = permitted_carriages(drawing)
-    shifts = np.array(
-        [
-            head_differences(
-                expected(scaled + step, grid), expected(scaled - step, grid)
-            )
-            for step in STEP * np.eye(len(sought))
-        ]
-    ) / (2.0 * STEP)
-    head_deviation = np.sqrt(
-        np.nanmax(np.einsum('mni,mk,kni->ni', shifts, covariance, shifts), axis=0)
-    )
+    in_workspace = partial(expected, carriages=permitted_carriages(drawing))
+    head_deviation = _greatest_deviation(in_workspace, scaled, covariance)
     names = [ERRORS[k][0] for k in sought]
     blind = robust.unidentified(rates, np.full(len(names), NEEDED), names)
     if (head_deviation > MOST_HEAD_DEVIATION * noise)[used.any(axis=0)].any():
@@ -222,36 +198,70 @@ def fit_geometry(
             f'{in_units(head_deviation)}; the poses do not determine {"; ".join(blind)}; next: '
             'measure at those that calibrate poses prints, or state the real --noise'
         )
+
+    found = values(scaled)
+    geometry, frame = machine(drawing, found)
     return GeometryFit(
-        *machine(drawing, values(scaled)),
-        sought,
-        values(scaled)[sought],
-        np.sqrt(np.diag(covariance)) * TOLERANCES[sought],
-        remain * noise,
-        np.isfinite(heads).any(axis=1) & ~used.any(axis=1),
-        scatter,
-        blind,
-        head_deviation,
+        geometry=geometry,
+        frame=frame,
+        sought=sought,
+        values=found[sought],
+        deviations=np.sqrt(np.diag(covariance)) * TOLERANCES[sought],
+        residuals=remain * noise,
+        outliers=np.isfinite(heads).any(axis=1) & ~used.any(axis=1),
+        scatter=scatter,
+        unidentified=blind,
+        head_deviation=head_deviation,
     )
+
+
+def _first_frame(drawing: Geometry, measurements: Measurements) -> Pose:
+    """Return the rail in the instrument's frame approximately, from the first complete row."""
+    complete = np.flatnonzero(np.isfinite(measurements.heads).all(axis=1))
+    if not len(complete):
+        return ZERO_POSE
+
+    carriages, heads = measurements.at(complete[:1])
+    [seen] = heads.tolist()
+    [drawn] = head_poses(drawing, carriages).tolist()
+    return compose(Pose(*seen), invert(Pose(*drawn)))
+
+
+def _greatest_deviation(
+    expected: Callable[[np.ndarray], np.ndarray],
+    scaled: np.ndarray,
+    covariance: np.ndarray,
+) -> np.ndarray:
+    """Return the maximum standard deviation of expected heads, shape (3,) [m, m, rad]."""
+    differences = []
+    for step in STEP * np.eye(len(scaled)):
+        ahead = expected(scaled + step)
+        behind = expected(scaled - step)
+        differences.append(head_differences(ahead, behind))
+
+    # The rates J of a head give its variances, the diagonal of J C Jᵀ.
+    rates = np.array(differences) / (2.0 * STEP)
+    variances = np.einsum('mni,mk,kni->ni', rates, covariance, rates)
+    return np.sqrt(np.nanmax(variances, axis=0))
 
 
 def _fit_rows(
     misses: Callable[[np.ndarray], np.ndarray], measured: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return errors in tolerances, Jacobian of the residuals, and a mask of the used numbers."""
-
-    def solve(start: np.ndarray, loss: str) -> tuple[np.ndarray, np.ndarray]:
-        return robust.fit(
-            lambda scaled: np.append(misses(scaled)[used], scaled), start, loss
-        )
-
     used = measured
+
+    def residuals(scaled: np.ndarray) -> np.ndarray:
+        """Return those of the used numbers, and those of the drawing."""
+        return np.append(misses(scaled)[used], scaled)
+
     if measured.sum() <= count:
         raise CalibrationError(
             f'table rejected: {measured.sum()} measured numbers for {count} '
             'errors; next: measure more poses'
         )
-    scaled, jacobian = solve(np.zeros(count), 'soft_l1')
+
+    scaled, jacobian = robust.fit(residuals, np.zeros(count), 'soft_l1')
     for _ in range(3):  # a wrong row no longer shifts the others after it is left out
         remain = np.nan_to_num(misses(scaled), nan=robust.FAR) * measured
         scatter = robust.deviation(remain[measured]).clip(1.0, MOST_SCATTER)
@@ -262,20 +272,17 @@ def _fit_rows(
                 'next: check units and order of the columns, homing, --frame and --noise'
             )
         used = measured & ~outliers[:, None]
-        scaled, jacobian = solve(scaled, 'linear')
+        scaled, jacobian = robust.fit(residuals, scaled, 'linear')
     return scaled, jacobian, used
 
 
 def in_units(pose: np.ndarray) -> str:
     """Return the finite values among x, y and θ [m, m, rad] in mm and degrees."""
-    return (
-        ', '.join(
-            f'{axis} {value * factor:.3f} {unit}'
-            for axis, value, (unit, factor) in zip(AXES, pose, UNITS, strict=True)
-            if np.isfinite(value)
-        )
-        or 'the links do not close'
-    )
+    finite = []
+    for axis, value, (unit, factor) in zip(AXES, pose, UNITS, strict=True):
+        if np.isfinite(value):
+            finite.append(f'{axis} {value * factor:.3f} {unit}')
+    return ', '.join(finite) if finite else 'the links do not close'
 
 
 def held_out_errors(
@@ -289,42 +296,31 @@ def held_out_errors(
     """
     rows = np.flatnonzero(np.isfinite(measurements.heads).any(axis=1) & ~found.outliers)
     held = np.arange(len(rows)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
-    kept, left_out = (
-        Measurements(*(table[rows[part]] for table in measurements))
-        for part in (~held, held)
-    )
+    kept = measurements.at(rows[~held])
+    left_out = measurements.at(rows[held])
     fitted = fit_geometry(drawing, kept, noise, found.sought is IN_ANY_FRAME)
-    before, after = (
-        np.ma.masked_invalid(
-            head_differences(
-                left_out.heads, head_poses(geometry, left_out.carriages, fitted.frame)
-            )
-        )
-        for geometry in (drawing, fitted.geometry)
-    )
-    return tuple(
-        np.ma.sqrt((off**2).mean(axis=0)).filled(np.nan) for off in (before, after)
-    )
+
+    def rms(geometry: Geometry) -> np.ndarray:
+        expected = head_poses(geometry, left_out.carriages, fitted.frame)
+        off = np.ma.masked_invalid(head_differences(left_out.heads, expected))
+        return np.ma.sqrt((off**2).mean(axis=0)).filled(np.nan)
+
+    return rms(drawing), rms(fitted.geometry)
 
 
 def permitted_carriages(geometry: Geometry) -> np.ndarray:
     """Return carriage positions on a grid of the permitted workspace, shape (n, 3) [m]."""
     least, greatest = geometry.stroke
-    inner = Mechanism(
-        replace(
-            geometry,
-            stroke=(least + MARGIN, greatest - MARGIN),
-            carriage_gap=geometry.carriage_gap + MARGIN,
-        )
-    )
+    stroke = (least + MARGIN, greatest - MARGIN)
+    gap = geometry.carriage_gap + MARGIN
+    inner = Mechanism(replace(geometry, stroke=stroke, carriage_gap=gap))
+
     found = []
-    for x, y, theta in product(
-        np.linspace(least, greatest, 11),
-        np.linspace(0.05, 1.0, 14) * geometry.link_length,
-        np.linspace(-0.3, 0.3, 9),
-    ):
+    xs = np.linspace(least, greatest, 11)
+    ys = np.linspace(0.05, 1.0, 14) * geometry.link_length
+    for pose in product(xs, ys, np.linspace(-0.3, 0.3, 9)):
         try:
-            found.append(inner.certify(Pose(x, y, theta), MIN_CONDITIONING))
+            found.append(inner.certify(Pose(*pose), MIN_CONDITIONING))
         except LimitError:
             continue
     return np.array(found)
@@ -340,8 +336,7 @@ def spread_carriages(geometry: Geometry, count: int) -> np.ndarray:
     chosen = [int(np.argmax(np.ptp(carriages, axis=1)))]
     distances = np.full(len(carriages), np.inf)
     while len(chosen) < count:
-        distances = np.minimum(
-            distances, ((carriages - carriages[chosen[-1]]) ** 2).sum(axis=1)
-        )
+        from_last = ((carriages - carriages[chosen[-1]]) ** 2).sum(axis=1)
+        distances = np.minimum(distances, from_last)
         chosen.append(int(np.argmax(distances)))
     return carriages[chosen]

@@ -37,15 +37,12 @@ def read_estimator_recording(
         If the recording cannot be read or lacks a topic.
 
     """
-    from rosbags.highlevel import (
-        AnyReader,
-    )  # imported here, because nodes run without rosbags
+    # imported here, because nodes run without rosbags
+    from rosbags.highlevel import AnyReader
     from rosbags.typesys import get_typestore, Stores
 
-    disturbance, odometry, joints, wall = topics = [
-        PurePosixPath('/', namespace, name).as_posix()
-        for name in ('disturbance', 'disturbance_odometry', 'joint_states', head)
-    ]
+    names = ('disturbance', 'disturbance_odometry', 'joint_states', head)
+    topics = [PurePosixPath('/', namespace, name).as_posix() for name in names]
     recorded: dict[str, list[Any]] = {topic: [] for topic in topics}
     try:
         # older .db3 files contain no message definitions
@@ -62,6 +59,8 @@ def read_estimator_recording(
             f'{path} rejected: it cannot be read: {error}; next: check the path, run ros2 bag '
             'reindex or mcap recover, or record again'
         ) from error
+
+    disturbance, odometry, joints, wall = topics
     estimates = disturbance if recorded[disturbance] else odometry
     series = [_by_stamp(recorded[topic]) for topic in (estimates, joints, wall)]
     for topic, rows in zip((disturbance, joints, wall), series, strict=True):

@@ -34,17 +34,14 @@ def fit(
         Weighted by the loss.
 
     """
-    from scipy.optimize import (
-        least_squares,
-    )  # imported here, because nodes run without scipy
+    # imported here, because nodes run without scipy
+    from scipy.optimize import least_squares
+
+    def finite(parameters: np.ndarray) -> np.ndarray:
+        return np.nan_to_num(residuals(parameters), nan=FAR)
 
     found = least_squares(
-        lambda parameters: np.nan_to_num(residuals(parameters), nan=FAR),
-        start,
-        loss=loss,
-        f_scale=INLIER,
-        diff_step=1e-4,
-        xtol=1e-10,
+        finite, start, loss=loss, f_scale=INLIER, diff_step=1e-4, xtol=1e-10
     )
     return found.x, found.jac
 
@@ -69,10 +66,11 @@ def unidentified(
 
     """
     _, values, vectors = np.linalg.svd(jacobian * needed, full_matrices=False)
-    return [
-        ' apart from '.join(np.array(names)[np.abs(vector) > LEAST_SHARE])
-        for vector in vectors[values < 1.0]
-    ]
+    combinations = []
+    for vector in vectors[values < 1.0]:
+        involved = np.array(names)[np.abs(vector) > LEAST_SHARE]
+        combinations.append(' apart from '.join(involved))
+    return combinations
 
 
 def deviation(residuals: np.ndarray) -> np.ndarray:

@@ -32,53 +32,64 @@ def read_table(
     """
     # Spreadsheets write remarks in other encodings, in which digits are equal.
     text = path.read_text(encoding='utf-8-sig', errors='replace')
-    lines = [
-        line
-        for line in text.splitlines()
-        if line.strip(';, ') and not line.startswith(('#', 'sep='))
-    ]
+    lines = []
+    for line in text.splitlines():
+        if line.strip(';, ') and not line.startswith(('#', 'sep=')):
+            lines.append(line)
     separator = ';' if ';' in ''.join(lines[:1]) else ','
     if separator == ';':
         lines = [line.replace(',', '.') for line in lines]
     reader = csv.DictReader(lines, delimiter=separator)
-    names, header = (*required, *optional), [*filter(None, reader.fieldnames or ())]
-    meanings = {
-        name + unit: (names.index(name), factor)
-        for name in names
-        for unit, factor in UNITS.items()
-    }
-    found = [meanings[title][0] for title in header if title in meanings]
-    unknown = [
-        title
-        for title in header
-        if title not in meanings and not title.startswith(('goal', 'note'))
-    ]
-    wrong = [
-        name
-        for k, name in enumerate(names)
-        if found.count(k) > 1 or (name in required and k not in found)
-    ]
-    if unknown or wrong:
-        raise CalibrationError(
-            f'{path} rejected: column {(unknown + wrong)[0]} is '
-            f'{"unknown" if unknown else "missing or double"}; next: use {", ".join(names)} with '
-            f'one of the units {", ".join(filter(None, UNITS))}, and note_… for a remark'
-        )
-    table = np.full((len(lines), len(names)), np.nan)
+    header = [title for title in reader.fieldnames or () if title]
+    columns = _columns(path, header, required, optional)
+
+    table = np.full((len(lines), len(required) + len(optional)), np.nan)
     for number, cells in enumerate(reader, 1):
-        for title, (k, factor) in meanings.items():
+        for title, (column, factor) in columns.items():
             with suppress(ValueError):  # an optional cell may be empty
-                table[number, k] = float(cells.get(title) or '') * factor
-        filled = sum(
-            bool((cells[title] or '').strip()) for title in header if title in meanings
-        )
+                table[number, column] = float(cells[title] or '') * factor
+
+        filled = [title for title in columns if (cells[title] or '').strip()]
+        is_finite = np.isfinite(table[number])
         if (
             None in cells
-            or filled != np.isfinite(table[number]).sum()
-            or not np.isfinite(table[number, : len(required)]).all()
+            or len(filled) != is_finite.sum()
+            or not is_finite[: len(required)].all()
         ):
             raise CalibrationError(
                 f'{path} row {number} rejected: {", ".join(map(str, cells.values()))} are not '
                 f'{len(header)} finite numbers; next: complete it, with decimal points'
             )
     return table[1:]
+
+
+def _columns(
+    path: Path, header: Sequence[str], required: Sequence[str], optional: Sequence[str]
+) -> dict[str, tuple[int, float]]:
+    """
+    Return the column of the table and the factor to SI units of each title that is read.
+
+    Raises a CalibrationError for a title that is unknown, missing or double.
+    """
+    names = (*required, *optional)
+    possible = {}
+    for column, name in enumerate(names):
+        for unit, factor in UNITS.items():
+            possible[name + unit] = (column, factor)
+
+    titles = [title for title in header if not title.startswith(('goal', 'note'))]
+    unknown = [title for title in titles if title not in possible]
+    read = [title for title in header if title in possible]
+    found = [possible[title][0] for title in read]
+    wrong = []
+    for column, name in enumerate(names):
+        is_missing = name in required and column not in found
+        if is_missing or found.count(column) > 1:
+            wrong.append(name)
+    if unknown or wrong:
+        raise CalibrationError(
+            f'{path} rejected: column {(unknown + wrong)[0]} is '
+            f'{"unknown" if unknown else "missing or double"}; next: use {", ".join(names)} with '
+            f'one of the units {", ".join(filter(None, UNITS))}, and note_… for a remark'
+        )
+    return {title: possible[title] for title in read}
