@@ -56,13 +56,8 @@ COUNTERS = {  # component and key on /diagnostics
 }
 MODULES = 'simulation.gondola_simulator', 'nodes.driver', 'nodes.manipulator'
 ESTIMATOR = 'nodes.disturbance_estimator'  # only with raw sensors
-START = (
-    'setpriv',
-    '--pdeathsig',
-    'TERM',
-    sys.executable,
-    '-uPm',
-)  # a node ends with the demo
+# a node ends with the demo
+START = ('setpriv', '--pdeathsig', 'TERM', sys.executable, '-uPm')
 PARAMETER_FILES = config_path('manipulator.yaml'), config_path('simulation.yaml')
 RESULTS = (
     'summary.json',
@@ -82,17 +77,17 @@ class Demo:
     """Run of the demo: start the nodes, send strokes, end the nodes, report."""
 
     def __init__(self, options: argparse.Namespace) -> None:
-        self.options, self.output = options, options.output
+        self.options = options
+        self.output: Path = options.output
         self.scenario = load_scenario(options.scenario)
         self.duration: float = options.duration or self.scenario.mission.duration
         self.output.mkdir(parents=True, exist_ok=True)
         self.nodes: dict[str, subprocess.Popen[bytes]] = {}
-        self.components = defaultdict[
-            str, DiagnosticStatus
-        ](  # latest diagnostics by name
-            partial(DiagnosticStatus, level=DiagnosticStatus.STALE)
-        )
+        stale = partial(DiagnosticStatus, level=DiagnosticStatus.STALE)
+        # latest diagnostics by name
+        self.components = defaultdict[str, DiagnosticStatus](stale)
         self.tables = [deque[tuple[float, ...]](maxlen=SAMPLES) for _ in RECORDED]
+
         initialise()  # rclpy's own signal handlers would end ROS before the drives are stopped
         self.client = ManipulatorClient(NAMESPACE, 'demo_supervisor', self.watch)
         # Its messages wait until `watch` takes them: an executor, which wakes for each of them,
@@ -127,9 +122,8 @@ class Demo:
             )
             self.send_goals()
         finally:
-            handle_signals(
-                signal.SIG_IGN
-            )  # no signal interrupts the stop of the drives
+            # no signal interrupts the stop of the drives
+            handle_signals(signal.SIG_IGN)
             self.end_nodes()
         self.report(report.Run(self.tables, self.scenario))
 
@@ -137,47 +131,38 @@ class Demo:
         """Start the nodes with the parameters of the scenario."""
         say(self.scenario.description)
         for name in RESULTS:
-            (self.output / name).unlink(
-                missing_ok=True
-            )  # files of an earlier run would mislead
-        parameters = self.output / 'scenario.yaml'
-        parameters.write_text(
-            json.dumps(
-                {  # `-p` would not overrule manipulator.yaml
-                    '/**/compensator': {'ros__parameters': self.scenario.compensator},
-                    '/**/gondola_simulator': {
-                        'ros__parameters': {
-                            'scenario': self.options.scenario,
-                            'viewer': self.options.viewer,
-                        }
-                    },
-                }
-            )
-        )
-        files = [
-            word
-            for file in (*PARAMETER_FILES, parameters)
-            for word in ('--params-file', str(file))
-        ]
+            # files of an earlier run would mislead
+            (self.output / name).unlink(missing_ok=True)
+
+        arguments = ['--ros-args', '-r', f'__ns:=/{NAMESPACE}']
+        for file in (*PARAMETER_FILES, self.write_parameters()):
+            arguments += ['--params-file', str(file)]
+        modules = list(MODULES)
+        if self.scenario.raw_sensors:
+            modules.append(ESTIMATOR)
+
         say(
             f'starting the nodes (logs in {self.output}/); Ctrl-C stops the drives first'
         )
-        for module in (*MODULES, *([ESTIMATOR] if self.scenario.raw_sensors else [])):
+        for module in modules:
             name = module.split('.')[1]
+            command = [*START, f'facade_manipulator.{module}', *arguments]
             with (self.output / f'{name}.log').open('w') as log:
+                # in its own group: Ctrl-C in the terminal reaches only the demo
                 self.nodes[name] = subprocess.Popen(
-                    [
-                        *START,
-                        f'facade_manipulator.{module}',
-                        '--ros-args',
-                        '-r',
-                        f'__ns:=/{NAMESPACE}',
-                        *files,
-                    ],
-                    stdout=log,
-                    stderr=log,
-                    process_group=0,
-                )  # Ctrl-C in the terminal reaches only the demo
+                    command, stdout=log, stderr=log, process_group=0
+                )
+
+    def write_parameters(self) -> Path:
+        """Return the parameter file of the scenario, because `-p` overrules no file."""
+        world = {'scenario': self.options.scenario, 'viewer': self.options.viewer}
+        content = {
+            '/**/compensator': {'ros__parameters': self.scenario.compensator},
+            '/**/gondola_simulator': {'ros__parameters': world},
+        }
+        path = self.output / 'scenario.yaml'
+        path.write_text(json.dumps(content))
+        return path
 
     def watch(self) -> None:
         """Receive messages and check the nodes; called while the demo waits."""
@@ -188,33 +173,36 @@ class Demo:
 
     def send_goals(self) -> None:
         """Send the goals of the scenario, check the drives and print a line each second."""
-        begin, lines = time.monotonic(), 0
+        begin = time.monotonic()
+        lines = 0
         while (elapsed := time.monotonic() - begin) < self.duration + LAST_COUNTERS:
             goal = self.scenario.mission.goal(elapsed)
             # the head follows its last goal while the nodes publish their last counters
             if elapsed < self.duration and goal != self.client.goal:
                 self.client.send_goal(goal)
             self.watch()
-            operation, correction = (
-                self.components[OPERATION],
-                self.components[CORRECTION],
-            )
+            operation = self.components[OPERATION]
             if messages.status_level(operation) == 'error':
                 raise ManipulatorError(f'driver: {operation.message}')
             if elapsed >= lines:  # one each second
                 lines += 1
-                figures = ['error not measured yet']
-                with suppress(ManipulatorError):
-                    figures = report.Run(
-                        [list(table)[-LINE_SAMPLES:] for table in self.tables],
-                        self.scenario,
-                    ).figures
-                say(
-                    f'{elapsed:5.1f} s of {self.duration:g} s | {operation.message}, '
-                    f'{correction.message} | RMS of 1 s: {", ".join(figures)} | '
-                    f'{as_text(self.counters())}'
-                )
+                self.say_progress(elapsed)
             time.sleep(TURN)
+
+    def say_progress(self, elapsed: float) -> None:
+        """Print the states, the newest errors and the counters after some seconds."""
+        figures = ['error not measured yet']
+        newest = [list(table)[-LINE_SAMPLES:] for table in self.tables]
+        with suppress(ManipulatorError):
+            figures = report.Run(newest, self.scenario).figures
+
+        operation = self.components[OPERATION]
+        correction = self.components[CORRECTION]
+        say(
+            f'{elapsed:5.1f} s of {self.duration:g} s | {operation.message}, '
+            f'{correction.message} | RMS of 1 s: {", ".join(figures)} | '
+            f'{as_text(self.counters())}'
+        )
 
     def end_nodes(self) -> None:
         """End the nodes, including the driver and its drives; kill nodes that do not end."""
@@ -230,26 +218,26 @@ class Demo:
         if 'driver' in self.nodes:
             say(self.last_line('driver'))
 
+    def write_summary(self, run: report.Run, counters: dict[str, int]) -> None:
+        """Write the figures of a run for programs."""
+        names = ('disturbance_rms', 'residual_rms', 'attenuation_db')
+        axes = {}
+        for (axis, *_), figures in zip(POSE_AXES, run.rms.tolist(), strict=True):
+            axes[axis] = dict(zip(names, figures, strict=True))
+        summary = {
+            'axes': axes,
+            'duration_s': self.duration,
+            'realtime_priority': self.priority,
+            **counters,
+        }
+        text = json.dumps(summary, indent=2)
+        (self.output / 'summary.json').write_text(f'{text}\n')
+
     def report(self, run: report.Run) -> None:
         """Print and draw the run; raises a ManipulatorError if a result is below its limit."""
-        names = ('disturbance_rms', 'residual_rms', 'attenuation_db')
         counters = self.counters()
-        axes = {
-            axis: dict(zip(names, figures, strict=True))
-            for (axis, *_), figures in zip(POSE_AXES, run.rms.tolist(), strict=True)
-        }
-        (self.output / 'summary.json').write_text(
-            json.dumps(
-                {
-                    'axes': axes,
-                    'duration_s': self.duration,
-                    'realtime_priority': self.priority,
-                    **counters,
-                },
-                indent=2,
-            )
-            + '\n'
-        )
+        self.write_summary(run, counters)
+
         # a signal may end the drawing, which is in memory, but not the writing of a file
         handle_signals(signal.default_int_handler)
         say(
@@ -273,16 +261,16 @@ class Demo:
 
     def keep_components(self, message: Any) -> None:
         """Store the components of a node by their names without the namespace."""
-        self.components.update(
-            (one.name.partition('/')[2], one) for one in message.status
-        )
+        for component in message.status:
+            self.components[component.name.partition('/')[2]] = component
 
     def counters(self) -> dict[str, int]:
         """Return the counters of the summary."""
-        return {
-            name: int(messages.status_values(self.components[component]).get(key, 0))
-            for name, (component, key) in COUNTERS.items()
-        }
+        counters = {}
+        for name, (component, key) in COUNTERS.items():
+            values = messages.status_values(self.components[component])
+            counters[name] = int(values.get(key, 0))
+        return counters
 
     @property
     def priority(self) -> int:
@@ -303,20 +291,17 @@ class Demo:
 
 def keep_values(table: deque[tuple[float, ...]], message: Any) -> None:
     """Store the stamp and the planar values of a message."""
-    is_pose = hasattr(message, 'pose')
-    values = (
-        messages.planar_pose(message.pose, 'pose')
-        if is_pose
-        else messages.planar_wrench(message)
-    )
+    if hasattr(message, 'pose'):
+        values: tuple[float, ...] = messages.planar_pose(message.pose, 'pose')
+    else:
+        values = messages.planar_wrench(message)
     table.append((messages.seconds(message.header.stamp), *values))
 
 
 def as_text(counters: dict[str, int]) -> str:
     """Return counters as text, such as ``5 late cycles, 0 drive faults``."""
-    return ', '.join(f'{count} {name}' for name, count in counters.items()).replace(
-        '_', ' '
-    )
+    text = ', '.join(f'{count} {name}' for name, count in counters.items())
+    return text.replace('_', ' ')
 
 
 def main(args: list[str] | None = None) -> int:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from io import BytesIO
 import math
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -22,9 +23,8 @@ from facade_manipulator.study.drawing import BLUE, draw_mechanism, figure, GREY,
 
 RATE = 100  # Hz, of the samples
 LEAST_DURATION = 0.1  # s
-LEARNING_TIME = (
-    15.0  # s after the first goal, in which the correction fades in and learns
-)
+# s after the first goal, in which the correction fades in and learns
+LEARNING_TIME = 15.0
 PINK = '#CC79A7'
 PATHS = (  # paths of a run: colour, name, marker and its size
     (GREY, 'head without compensation', 'o', 6.0),
@@ -36,15 +36,16 @@ ELAPSED = 'time since the first goal [s]'
 HIGHEST_FREQUENCY = 10.0  # Hz
 READINGS = 10  # of the force in a mean, 0.1 s: the noise of a reading is 0.5 N
 TOUCH = 1.0  # N, above which the averaged force is a contact
-DURATION, FRAME_PERIOD, TRAIL = 12.0, 0.25, 3.0  # s, of the animation
-BRUSH, BRUSH_WIDTH = (
-    0.08,
-    0.3,
-)  # m, as drawn; the wall is behind the place of the brush's tips
-GONDOLA = Pose(-0.6, -0.15, 0.0), (1200.0, 120.0)  # corner in frame rail [m]; size [mm]
-Table = Sequence[
-    tuple[float, ...]
-]  #: stamp and planar values of each message of a topic
+DURATION = 12.0  # s, of the animation
+FRAME_PERIOD = 0.25  # s
+TRAIL = 3.0  # s, of a path in the animation
+# m, as drawn; the wall is behind the place of the brush's tips
+BRUSH = 0.08
+BRUSH_WIDTH = 0.3
+GONDOLA = Pose(-0.6, -0.15, 0.0)  # corner in frame rail [m]
+GONDOLA_SIZE = (1200.0, 120.0)  # mm
+#: stamp and planar values of each message of a topic
+Table = Sequence[tuple[float, ...]]
 
 
 class Run:
@@ -66,15 +67,13 @@ class Run:
                 f'report rejected: {max(0.0, end - begin):.3g} s of poses since the first '
                 f'reference, minimum {LEAST_DURATION:g} s; next: read the logs of the nodes'
             )
-        self.times = np.arange(
-            0.0, end - begin, 1.0 / RATE
-        )  #: since the first reference [s]
+        #: since the first reference [s]
+        self.times = np.arange(0.0, end - begin, 1.0 / RATE)
 
         def at_times(table: np.ndarray) -> np.ndarray:
             stamps, *columns = table.T
-            return np.transpose(
-                [np.interp(begin + self.times, stamps, one) for one in columns]
-            )
+            times = begin + self.times
+            return np.transpose([np.interp(times, stamps, one) for one in columns])
 
         heads, self.rails, references = map(at_times, poses)
         without = [
@@ -87,23 +86,25 @@ class Run:
         self.is_counted = self.times >= min(LEARNING_TIME, 0.5 * self.times[-1])
         #: along the head [N]; empty without a sensor
         self.forces = -at_times(wrenches)[:, 1] if len(wrenches) else np.zeros(0)
-        rms = np.sqrt(np.mean(self.errors[:, self.is_counted] ** 2, axis=1))
+
+        without_rms, with_rms = np.sqrt(
+            np.mean(self.errors[:, self.is_counted] ** 2, axis=1)
+        )
+        decibels = 20.0 * np.log10(without_rms / with_rms)
         #: RMS error without and with compensation [m, m, rad] and the attenuation [dB], by axis
-        self.rms = np.array((*rms, 20.0 * np.log10(rms[0] / rms[1]))).T
-        self.figures, self.low = (
-            list[str](),
-            list[str](),
-        )  #: as text; of axes below their limits
+        self.rms = np.array((without_rms, with_rms, decibels)).T
+        self.figures: list[str] = []  #: as text
+        self.low: list[str] = []  #: of axes below their limits
         for (name, scale, unit), (before, after, attenuation), least in zip(
             POSE_AXES, self.rms, scenario.mission.attenuation, strict=True
         ):
             is_held = least > -math.inf
-            self.figures.append(
-                f'{name} {scale * before:.3g} → {scale * after:.3g} {unit} '
-                + (f'({attenuation:.3g} dB)' if is_held else '(yields to contact)')
-            )
+            result = f'{attenuation:.3g} dB' if is_held else 'yields to contact'
+            errors = f'{scale * before:.3g} → {scale * after:.3g} {unit}'
+            text = f'{name} {errors} ({result})'
+            self.figures.append(text)
             if attenuation < least:
-                self.low.append(f'{self.figures[-1]} is below the limit {least:g} dB')
+                self.low.append(f'{text} is below the limit {least:g} dB')
 
 
 def draw(run: Run) -> dict[str, bytes]:
@@ -114,6 +115,7 @@ def draw(run: Run) -> dict[str, bytes]:
     files = {name: BytesIO() for name in (*figures, 'linkage.gif')}
     for name, made in figures.items():
         made.savefig(files[name])
+
     first, *others = linkage(run)
     first.save(
         files['linkage.gif'],
@@ -132,27 +134,25 @@ def errors(run: Run) -> Figure:
         16, 9, 'Error of the head on the wall: RMS without → with compensation'
     )
     learned, *_, end = run.times[run.is_counted]
-    for i, (both, magnified, amplitudes) in enumerate(
-        made.subplots(3, 3, sharex='col')
-    ):
+    lowest = 1.0 / (end - learned)  # Hz
+    rows = made.subplots(3, 3, sharex='col')
+    for i, (both, magnified, amplitudes) in enumerate(rows):
         _, scale, unit = POSE_AXES[i]
-        for values, (colour, path, *_) in zip(
-            scale * run.errors[:, :, i], PATHS, strict=False
-        ):
+        series = scale * run.errors[:, :, i]
+        for values, (colour, path, *_) in zip(series, PATHS, strict=False):
             both.plot(run.times, values, color=colour, lw=1.0, label=path)
             counted = values[run.is_counted]
-            amplitudes.magnitude_spectrum(  # the spectrum has half the amplitude of a sine
-                2.0 * (counted - counted.mean()), Fs=RATE, color=colour, lw=1.0
-            )
-        highest = 1.5 * np.abs(counted).max()
-        magnified.plot(run.times, values, color=BLUE, lw=1.0)
+            # the spectrum has half the amplitude of a sine
+            doubled = 2.0 * (counted - counted.mean())
+            amplitudes.magnitude_spectrum(doubled, Fs=RATE, color=colour, lw=1.0)
+        amplitudes.set(xscale='log', yscale='log', ylim=(1e-4, 1e3))
+        amplitudes.set_xlim(lowest, HIGHEST_FREQUENCY)
+
+        _, compensated = series
+        highest = 1.5 * np.abs(compensated[run.is_counted]).max()
+        magnified.plot(run.times, compensated, color=BLUE, lw=1.0)
         magnified.set_ylim(-highest, highest)
-        amplitudes.set(
-            xscale='log',
-            yscale='log',
-            ylim=(1e-4, 1e3),
-            xlim=(1.0 / (end - learned), HIGHEST_FREQUENCY),
-        )
+
         for panel, x, title in (
             (both, ELAPSED, f'RMS {run.figures[i]}'),
             (magnified, ELAPSED, 'with compensation, magnified'),
@@ -177,20 +177,20 @@ def force(run: Run) -> Figure:
     made = figure(10, 4.5, 'Force of the head on the wall')
     panel = made.subplots()
     forces = np.convolve(run.forces, np.full(READINGS, 1.0 / READINGS), 'valid')
-    panel.plot(
-        run.times[READINGS - 1 :], forces, color=BLUE, lw=1.0, label='mean of 0.1 s'
-    )
+    times = run.times[READINGS - 1 :]
+    panel.plot(times, forces, color=BLUE, lw=1.0, label='mean of 0.1 s')
     panel.axhline(TOUCH, color=GREY, ls=':', lw=1.0, label=f'contact above {TOUCH:g} N')
     if desired := run.scenario.compensator.get('contact.force'):
         panel.axhline(desired, color=PINK, ls='--', lw=1.0, label='desired')
+
     touching = forces[forces > TOUCH]
-    label(
-        panel,
-        ELAPSED,
-        'force [N]',
-        f'in contact for {100.0 * len(touching) / len(forces):.3g} % of the time, mean force '
-        f'then {touching.sum() / max(len(touching), 1):.3g} N, highest {forces.max():.3g} N',
+    share = 100.0 * len(touching) / len(forces)
+    mean = touching.sum() / max(len(touching), 1)
+    title = (
+        f'in contact for {share:.3g} % of the time, mean force then {mean:.3g} N, '
+        f'highest {forces.max():.3g} N'
     )
+    label(panel, ELAPSED, 'force [N]', title)
     made.legend(loc='outside lower center', ncols=3)
     return made
 
@@ -199,56 +199,39 @@ def linkage(run: Run) -> list[Image.Image]:
     """Draw the frames of an animation of the last seconds of a run."""
     made = figure(8, 5.25, 'The head on the wall, seen from above')
     made.set_dpi(80)
-    panel, canvas, images = made.subplots(), FigureCanvasAgg(made), list[Image.Image]()
-    for now in range(
-        max(0, len(run.times) - round(DURATION * RATE)),
-        len(run.times),
-        round(FRAME_PERIOD * RATE),
-    ):
+    panel = made.subplots()
+    canvas = FigureCanvasAgg(made)
+    images: list[Image.Image] = []
+    first = max(0, len(run.times) - round(DURATION * RATE))
+    for now in range(first, len(run.times), round(FRAME_PERIOD * RATE)):
         panel.clear()
         draw_moment(panel, run, now)
         if not images:
             made.legend(loc='outside lower center', ncols=3)
             made.draw_without_rendering()
-            made.set_layout_engine(
-                'none'
-            )  # a layout of each frame would take as long as drawing
+            # a layout of each frame would take as long as drawing
+            made.set_layout_engine('none')
         canvas.draw()
-        images.append(Image.fromarray(np.array(canvas.buffer_rgba())).convert('P'))
+        picture = Image.fromarray(np.array(canvas.buffer_rgba()))
+        images.append(picture.convert('P'))
     return images
 
 
 def draw_moment(panel: Axes, run: Run, now: int) -> None:
     """Draw wall, gondola, mechanism and paths at a sample; the axes show the whole run."""
-    rail, head = Pose(*run.rails[now]), Pose(*run.paths[1, now])
+    rail = Pose(*run.rails[now])
+    head = Pose(*run.paths[1, now])
     wall = run.scenario.wall.distance + BRUSH
     panel.axhspan(1e3 * wall, 1e3 * wall + 1e3, color='#c9c2b0', label='wall')
-    for name, colour, frame, (corner, (length, depth)) in (
-        ('gondola', '#b7cbd9', rail, GONDOLA),
-        (
-            'brush',
-            '#b3dfd2',
-            head,
-            (
-                Pose(-0.5 * BRUSH_WIDTH, 0.0, 0.0),
-                (1e3 * BRUSH_WIDTH, 1e3 * min(BRUSH, wall - head.y)),
-            ),
-        ),
-    ):
-        x, y, theta = compose(frame, corner)
-        panel.add_patch(
-            Rectangle(
-                (1e3 * x, 1e3 * y),
-                length,
-                depth,
-                angle=math.degrees(theta),
-                color=colour,
-                lw=0.0,
-                label=name,
-            )
-        )
+    gondola = compose(rail, GONDOLA)
+    _draw_rectangle(panel, gondola, *GONDOLA_SIZE, color='#b7cbd9', label='gondola')
+    brush = compose(head, Pose(-0.5 * BRUSH_WIDTH, 0.0, 0.0))
+    width = 1e3 * BRUSH_WIDTH
+    depth = 1e3 * min(BRUSH, wall - head.y)
+    _draw_rectangle(panel, brush, width, depth, color='#b3dfd2', label='brush')
     with suppress(LimitError):  # an interpolated head may be out of reach
         draw_mechanism(panel, Geometry(), relative(rail, head), rail=rail)
+
     begin = max(0, now - round(TRAIL * RATE))
     for (colour, name, marker, size), path in zip(PATHS, run.paths, strict=True):
         x, y, _ = 1e3 * path[begin : now + 1].T
@@ -264,15 +247,12 @@ def draw_moment(panel: Axes, run: Run, now: int) -> None:
             zorder=4.0,
             label=f'{name}, last {TRAIL:g} s',
         )
-    (left, low, _), (right, _, _) = (
-        1e3 * run.rails.min(axis=0),
-        1e3 * run.rails.max(axis=0),
-    )
-    panel.set(
-        xlim=(left - 700.0, right + 700.0),
-        ylim=(low - 250.0, 1e3 * wall + 100.0),
-        aspect='equal',
-    )
+
+    left, low, _ = 1e3 * run.rails.min(axis=0)
+    right, _, _ = 1e3 * run.rails.max(axis=0)
+    panel.set_xlim(left - 700.0, right + 700.0)
+    panel.set_ylim(low - 250.0, 1e3 * wall + 100.0)
+    panel.set_aspect('equal')
     without, error = (millimetres(Pose(*values)) for values in run.errors[:, now])
     label(
         panel,
@@ -281,3 +261,13 @@ def draw_moment(panel: Axes, run: Run, now: int) -> None:
         f'{run.times[now]:.1f} s\n'
         f'error without compensation: {without}\nerror with compensation: {error}',
     )
+
+
+def _draw_rectangle(
+    panel: Axes, corner: Pose, width: float, height: float, **style: Any
+) -> None:
+    """Draw a rectangle with a corner in frame facade [m, m, rad] and a size [mm]."""
+    x, y, theta = corner
+    angle = math.degrees(theta)
+    place = (1e3 * x, 1e3 * y)
+    panel.add_patch(Rectangle(place, width, height, angle=angle, lw=0.0, **style))
