@@ -21,6 +21,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from functools import cache, partial
+import math
 from threading import Thread
 import time
 from typing import Any
@@ -50,8 +51,6 @@ WORKING = frozenset(
         'cleaning up',
     }
 )
-
-
 #: states on driver/status that are older than a driver with another lifecycle state
 UNCONFIGURED = frozenset({'unconfigured', 'configuring'})
 START_NODES = 'start the nodes in the same namespace and ROS domain as this program'
@@ -108,13 +107,12 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self._check = check
         self._frames = Frames.of(namespace)
         # the last messages of each topic: time of reception [s, monotonic], values and text
-        self._received: dict[topics.Topic, deque[tuple[float, dict[str, str]]]] = {
-            topic: deque([(float('-inf'), dict[str, str]())], maxlen=10)
-            for topic in (topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS)
-        }
-        for topic in self._received:
+        self._received: dict[topics.Topic, deque[tuple[float, dict[str, str]]]] = {}
+        for topic in (topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS):
+            self._received[topic] = deque([(-math.inf, {})], maxlen=10)
+            receive = partial(self._receive, topic)
             self.node.create_subscription(
-                *topic[:2], partial(self._receive, topic), topic.subscription_qos
+                topic.type, topic.name, receive, topic.subscription_qos
             )
         self._client = cache(lambda service: self.node.create_client(*service))
         # created with the first goal: an observer needs no permission to publish
@@ -183,15 +181,16 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self.wait_until(
             goals.get_subscription_count, 'a compensator', next_step=START_NODES
         )
+
         message = pose_stamped(self._frames.facade, ros_time(), pose)
-        self.goal, stamp = pose, stamp_text(message.header.stamp)
+        self.goal = pose
+        stamp = stamp_text(message.header.stamp)
 
         def is_received() -> bool:
             goals.publish(message)  # repeat: discovery of a subscriber may be late
-            return bool(self._of_goal(stamp)) and (
-                goals.get_subscription_count()
-                >= self.node.count_subscribers(goals.topic)
-            )
+            matched = goals.get_subscription_count()
+            all_matched = matched >= self.node.count_subscribers(goals.topic)
+            return all_matched and bool(self._of_goal(stamp))
 
         self.wait_until(
             is_received, 'a compensator to report the goal', next_step=SAME_USER
@@ -224,16 +223,13 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         message = pose_stamped(self._frames.rail, ros_time(), goal)
         poses = self._call(topics.SOLVE, is_harmless=True, goal=message).plan.poses
         if not poses:
-            report = partial(
-                self._of_goal, stamp_text(message.header.stamp), topics.REJECTIONS
+            stamp = stamp_text(message.header.stamp)
+            rejection = self.wait_until(
+                partial(self._of_goal, stamp, topics.REJECTIONS),
+                'the reason on ik_service/rejections',
+                next_step='read the reason in the log of the ik_service',
             )
-            raise RequestRejectedError(
-                self.wait_until(
-                    report,
-                    'the reason on ik_service/rejections',
-                    next_step='read the reason in the log of the ik_service',
-                )['message']
-            )
+            raise RequestRejectedError(rejection['message'])
         point = poses[0].pose.position
         return Carriages(point.x, point.y, point.z)
 
@@ -271,20 +267,24 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         caller waits for the answer to `driver_state` first. Raises a NoAnswerError after
         `ANSWER_TIMEOUT` while the driver executes no request.
         """
-        client, answers = self._client(service), list[Any]()
+        client = self._client(service)
+        requests: list[Any] = []
+
+        def response() -> Any:
+            for request in requests:
+                if request.done():
+                    return request.result()
+            return None
+
         self.wait_until(
             client.service_is_ready, f'service {service.name}', next_step=START_NODES
         )
         end = time.monotonic() + ANSWER_TIMEOUT
         while time.monotonic() < end:
-            if is_harmless or not answers:
-                answers.append(client.call_async(service.type.Request(**fields)))
+            if is_harmless or not requests:
+                requests.append(client.call_async(service.type.Request(**fields)))
             with suppress(NoAnswerError):
-                return self.wait_until(
-                    lambda: next((one.result() for one in answers if one.done()), None),
-                    service.name,
-                    REPEAT_AFTER,
-                )
+                return self.wait_until(response, service.name, REPEAT_AFTER)
             if self._driver_values().get('state') in WORKING:
                 end = time.monotonic() + ANSWER_TIMEOUT
         raise NoAnswerError(
@@ -346,15 +346,10 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self, stamp: str, topic: topics.Topic = topics.GOAL_STATUS
     ) -> dict[str, str]:
         """Return the newest values on a topic for the stamp of a goal."""
-        return next(
-            (
-                values
-                for _, values in reversed(list(self._received[topic]))
-                if stamp
-                in (values.get('goal stamp'), values.get('rejected goal stamp'))
-            ),
-            {},
-        )
+        for _, values in reversed(list(self._received[topic])):
+            if stamp in (values.get('goal stamp'), values.get('rejected goal stamp')):
+                return values
+        return {}
 
     def _receive(self, topic: topics.Topic, status: Any) -> None:
         values = status_values(status) | {'message': status.message}

@@ -39,7 +39,8 @@ def exit_status(
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
     except KeyboardInterrupt:
-        message, failed = interrupted, 130  # as a shell reports Ctrl-C
+        message = interrupted
+        failed = 130  # as a shell reports Ctrl-C
     except ModuleNotFoundError as error:
         message = missing_package(error)
     except OSError as error:

@@ -52,14 +52,14 @@ def joined(*messages: str) -> str:
             texts.append(text)
         if step and step not in steps:
             steps.append(step)
+
+    remaining = []
+    for number, step in enumerate(steps, 1):
+        # a later step may begin with an earlier one
+        if not any(later.startswith(step) for later in steps[number:]):
+            remaining.append(step)
     problem = '; '.join(texts)
-    # a later step may begin with an earlier one
-    steps = [
-        step
-        for number, step in enumerate(steps)
-        if not any(later.startswith(step) for later in steps[number + 1 :])
-    ]
-    return f'{problem}{NEXT}{", then ".join(steps)}' if steps else problem
+    return f'{problem}{NEXT}{", then ".join(remaining)}' if remaining else problem
 
 
 def attributed(subject: str, verb: str, reason: str) -> str:

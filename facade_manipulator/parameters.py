@@ -291,14 +291,19 @@ class ParameterSource:
         return from_mapping(cls, data, prefix, **defaults)
 
 
+def _kept_resolvers() -> dict[str, list[tuple[str, re.Pattern[str]]]]:
+    """Return the resolvers of `yaml.SafeLoader` that ROS does not change, by first letter."""
+    kept = {}
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items():
+        kept[first] = [one for one in resolvers if one[0] not in _CHANGED]
+    return kept
+
+
 class _Loader(yaml.SafeLoader):
     """YAML loader like that of ROS: 1e-3 is a number; 1_000, 1:30 and dates are strings."""
 
     # the parent shares its table of resolvers with each loader of the process
-    yaml_implicit_resolvers = {
-        first: [one for one in resolvers if one[0] not in _CHANGED]
-        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-    }
+    yaml_implicit_resolvers = _kept_resolvers()
 
 
 def _reject_leading_zeros(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> None:
@@ -404,11 +409,10 @@ def read_parameters(paths: Sequence[Path], node: str) -> dict[str, Any]:
     Raises a ParameterError for a file that cannot be read, for a section of an unknown node, and
     for sections of the node on several machines.
     """
-    sections = {
-        section: given
-        for section, given in read_sections(paths).items()
-        if require_known_node(section, NODES) in (node, '')
-    }
+    sections = {}
+    for section, given in read_sections(paths).items():
+        if require_known_node(section, NODES) in (node, ''):
+            sections[section] = given
     machines = {
         section.rpartition('/')[0] for section in sections if '*' not in section
     }
@@ -417,4 +421,8 @@ def read_parameters(paths: Sequence[Path], node: str) -> dict[str, Any]:
             f'{paths[-1]} has sections of several machines: '
             f'{", ".join(sections)}; next: give each machine its own file'
         )
-    return {name: value for given in sections.values() for name, value in given.items()}
+
+    merged: dict[str, Any] = {}
+    for given in sections.values():
+        merged |= given
+    return merged

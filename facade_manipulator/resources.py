@@ -26,7 +26,8 @@ def config_path(relative: str | os.PathLike[str] = '') -> Path:
 
     Raises a FileNotFoundError with every directory that was searched.
     """
-    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    of_ament = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    prefixes = [*of_ament, sys.prefix]
     shares = [Path(prefix, 'share', PACKAGE.name) for prefix in prefixes if prefix]
     if (PACKAGE.parent / 'package.xml').is_file():
         shares.insert(0, PACKAGE.parent)
@@ -52,7 +53,9 @@ def machine_files(given: Sequence[Path] = ()) -> list[Path]:
     is_given = any(path.absolute() == overlay.absolute() for path in given)
     if not given and not first.exists():
         first = config_path(MACHINE_FILE)
-    return [first, *([overlay] if overlay.exists() and not is_given else []), *others]
+    if is_given or not overlay.exists():
+        return [first, *others]
+    return [first, overlay, *others]
 
 
 def import_path() -> list[str]:
@@ -63,10 +66,8 @@ def import_path() -> list[str]:
     of this package is searched last if it is the working directory.
     """
     here = os.path.realpath('.')
-    return [
-        *(entry for entry in sys.path if entry and os.path.realpath(entry) != here),
-        str(PACKAGE.parent),
-    ]
+    folders = [entry for entry in sys.path if entry and os.path.realpath(entry) != here]
+    return [*folders, str(PACKAGE.parent)]
 
 
 @contextmanager
