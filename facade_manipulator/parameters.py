@@ -44,6 +44,7 @@ _TYPES = {
     float: 'a double such as 1.0',
     str: 'a string',
 }
+LARGEST_EXACT = 2.0**53  # of the integers that a double holds
 _KEY = 'parameter'  # key in the metadata of a dataclass field
 _INTEGER = 'tag:yaml.org,2002:int'
 _FLOAT = 'tag:yaml.org,2002:float'
@@ -163,6 +164,13 @@ def _wrong_type(name: str, element: Any, kind: type) -> ParameterError:
     )
 
 
+def number_text(value: float) -> str:
+    """Return a number in six digits, a large integer in all of them, such as 4294967295."""
+    if abs(value) < LARGEST_EXACT and value == int(value):
+        return str(int(value))
+    return f'{value:g}'
+
+
 def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
     """Check a value; the error names the parameter, its value, its limit and unit."""
     unit = f' {info.unit}' if info.unit else ''
@@ -185,8 +193,9 @@ def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
         ):
             if limit is not None and sign * element < sign * limit:
                 raise ParameterError(
-                    f'{name} = {element:g}{unit} is {side} {limit:g}{unit}; '
-                    f'next: set {step} {limit:g}{unit}'
+                    f'{name} = {number_text(element)}{unit} is {side} '
+                    f'{number_text(limit)}{unit}; '
+                    f'next: set {step} {number_text(limit)}{unit}'
                 )
 
 

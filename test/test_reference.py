@@ -11,6 +11,9 @@ from typing import Any
 
 import rclpy
 
+from facade_manipulator.parameters import read_parameters
+from facade_manipulator.resources import config_path
+
 PAGE = Path(__file__).parent.parent / 'docs/reference.md'
 HEAD = """| node | parameter | default | unit | range | live | description |
 |---|---|---|---|---|---|---|
@@ -20,6 +23,9 @@ HEAD = """| node | parameter | default | unit | range | live | description |
 def rows_of(nodes: dict[str, Any]) -> list[tuple[str, ...]]:
     """Return the cells of each parameter; a group that several nodes share is one row."""
     owners = defaultdict(list)
+    files = {
+        name: read_parameters([config_path('manipulator.yaml')], name) for name in nodes
+    }
     for name, make in nodes.items():
         node = make()
         for parameter in sorted(node.list_parameters([], 0).names):
@@ -34,9 +40,13 @@ def rows_of(nodes: dict[str, Any]) -> list[tuple[str, ...]]:
             limits = descriptor.additional_constraints.removesuffix(
                 f' {unit}' if unit else ''
             )
+            shipped = files.get(name, {}).get(parameter, default)
+            text_of_default = str(default)
+            if shipped != default:
+                text_of_default += f' ({shipped} in manipulator.yaml)'
             cells = (
                 f'`{parameter}`',
-                str(default),
+                text_of_default,
                 unit,
                 limits,
                 '' if descriptor.read_only else 'yes',

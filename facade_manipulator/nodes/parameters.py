@@ -16,7 +16,12 @@ from facade_manipulator import parameters
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.nodes.settings import OF_ROS, parameter_names
 from facade_manipulator.nodes.workarounds import given_parameters
-from facade_manipulator.parameters import NODES, ParameterInfo, ParameterSource
+from facade_manipulator.parameters import (
+    NODES,
+    number_text,
+    ParameterInfo,
+    ParameterSource,
+)
 
 Settings = TypeVar('Settings')
 
@@ -75,7 +80,9 @@ def accepted(info: ParameterInfo) -> str:
     """Return the accepted values in words, such as ``0.1 to 5 m/s``."""
     if info.minimum is None or info.maximum is None:
         return ''
-    return f'{info.minimum:g} to {info.maximum:g} {info.unit}'.rstrip()
+    lowest = number_text(info.minimum)
+    highest = number_text(info.maximum)
+    return f'{lowest} to {highest} {info.unit}'.rstrip()
 
 
 def accept_changes(
