@@ -255,11 +255,7 @@ def read_axes(
 
 
 def check_axes(axes: tuple[AxisSettings, ...]) -> None:
-    """
-    Require that the axes have different node ids and serial numbers.
-
-    Raises a ParameterError if two axes have the same node id or serial number.
-    """
+    """Raise a ParameterError for two axes with the same node id, or serial number except 0."""
     for name in ('node_id', 'serial_number'):
         values = [getattr(axis, name) for axis in axes if getattr(axis, name)]
         if len(set(values)) < len(values):

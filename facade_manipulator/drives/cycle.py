@@ -379,13 +379,14 @@ class CycleClock:
 
     def answer(self, now: float) -> None:
         """
-        Count the answer of a drive to the newest SYNC; the last answer makes the step due.
+        Count the answer of a drive to the newest SYNC, read at a time [s].
 
-        An answer after the step is ignored, because the next SYNC requests all answers again.
+        The last answer makes the step due. An answer after the step is ignored, because the next
+        SYNC requests all answers again.
         """
-        self._answers += 1
         if not self.is_open:
             return
+        self._answers += 1
         if self._has_all_answers:
             self.next_event = now
         elif self._answers == 1:
@@ -411,24 +412,28 @@ class CycleClock:
 
     def finish(self, now: float) -> bool:
         """
-        Close the cycle when its step begins [s]; return whether its commands may be sent.
+        Close the cycle when its step begins [s]; return whether its targets may be sent.
 
-        `finish_commands` decides at the end of the step.
+        If they may, `finish_commands` decides again when the targets are chosen.
         """
         self.is_open = False
         age = now - self.sync_time
         self.counter.begin_step(self.sync_time, age, self._has_all_answers)
-        return self._may_send(now)
+        return self._judge(now)
 
     def finish_commands(self, now: float) -> bool:
-        """Return whether commands that were chosen until now [s] may be sent."""
-        may_send = self._may_send(now)
+        """Return whether targets that were chosen until now [s] may be sent."""
+        may_send = self._judge(now)
         if may_send:
             self.counter.count_commands(self.sync_time)
         return may_send
 
-    def _may_send(self, now: float) -> bool:
-        """Return whether commands of a time [s] may be sent, and when the next SYNC is due."""
+    def _judge(self, now: float) -> bool:
+        """
+        Plan the next SYNC, and count a late cycle once.
+
+        The result is whether targets of a time [s] may be sent.
+        """
         self.next_event = self.sender.next_sync(now)
         if now - self.sync_time <= COMMANDS_DUE * self.period:
             return True

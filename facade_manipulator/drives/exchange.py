@@ -291,11 +291,11 @@ class CyclicExchange:
 
     def _send_commands(self) -> None:
         """
-        Send one command to each drive, all three between the same two SYNCs.
+        Send the commands of all drives between the same two SYNCs; a restarted drive gets none.
 
-        Just before the kernel's SYNC the commands wait for it. Otherwise one drive might latch its
-        command a period before the others. Only commands of drives that follow no targets wait:
-        late targets are withdrawn.
+        Just before the kernel's SYNC the commands wait for it, and `_advance` tries again.
+        Otherwise one drive might latch its command a period before the others. Only commands of
+        drives that follow no targets wait: late targets are withdrawn.
         """
         self._waits_for_sync = not self.clock.has_time(self._time.monotonic())
         if self._waits_for_sync:

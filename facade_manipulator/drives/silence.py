@@ -14,8 +14,8 @@ class Silence:
     """
     Supervision of one drive by its answers and heartbeats.
 
-    The exchange asks for the cause of a stop in each cycle, after `begin`. Times are on the
-    monotonic clock [s].
+    The exchange asks for a `new_cause` of a stop in each cycle, after `begin`. A snapshot asks for
+    the `cause` at any time after the first heartbeat. Times are on the monotonic clock [s].
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class Silence:
         self._answers = answers
         self._node = node
         self._settings = settings
-        self._since = -inf  # when silence begins to count
+        self._since = -inf  # silence before this time does not count [s]
         # whether missing answers are excused until the next answer
         self._may_miss = False
 
