@@ -251,7 +251,12 @@ def _converted(name: str, value: Any, item: Field[Any]) -> Any:
 
 
 def _require_like(name: str, value: Any, default: Any) -> None:
-    """Check the type of a value that is not a parameter; an integer is also a double."""
+    """
+    Check the type of a field of a scenario by its default; an integer is also a double.
+
+    Each element is like the first of the default. An empty default permits any elements, and no
+    length is checked.
+    """
     possible: dict[type, tuple[type, ...]] = {float: (float, int), tuple: (tuple, list)}
     if type(value) not in possible.get(type(default), (type(default),)):
         raise ParameterError(

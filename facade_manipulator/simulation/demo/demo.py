@@ -172,7 +172,11 @@ class Demo:
                 raise ManipulatorError(f'{name} ended: {self.last_line(name)}')
 
     def send_goals(self) -> None:
-        """Send the goals of the scenario, check the drives and print a line each second."""
+        """
+        Send the goals for the duration, then wait for the last counters.
+
+        Prints a line each second. Raises a ManipulatorError if the drives or a node have failed.
+        """
         begin = time.monotonic()
         lines = 0
         while (elapsed := time.monotonic() - begin) < self.duration + LAST_COUNTERS:
@@ -185,7 +189,7 @@ class Demo:
             if messages.status_level(operation) == 'error':
                 raise ManipulatorError(f'driver: {operation.message}')
             if elapsed >= lines:  # one each second
-                lines += 1
+                lines = int(elapsed) + 1
                 self.say_progress(elapsed)
             time.sleep(TURN)
 

@@ -7,6 +7,7 @@ dataclass.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 import math
 from pathlib import Path
@@ -42,6 +43,17 @@ class Wind:
     direction: float = 0.5  #: 0 blows along x, π/2 onto the wall [rad]
 
 
+def _require_triples(name: str, rows: Sequence[Any], meaning: str) -> None:
+    """Raise a ParameterError for a row that does not have three numbers."""
+    for row in rows:
+        is_triple = isinstance(row, Sequence) and len(row) == 3
+        if not is_triple or not all(isinstance(one, (int, float)) for one in row):
+            raise ParameterError(
+                f'{name} = {row!r}, expected three numbers: {meaning}; '
+                'next: write each row as [a, b, c]'
+            )
+
+
 @dataclass(frozen=True)
 class Motion:
     """
@@ -54,8 +66,16 @@ class Motion:
     y: tuple[tuple[float, float, float], ...] = ()
     theta: tuple[tuple[float, float, float], ...] = ()
 
+    def __post_init__(self) -> None:
+        for name in ('x', 'y', 'theta'):
+            _require_triples(name, getattr(self, name), 'amplitude, frequency, phase')
+
     def poses(self, times: np.ndarray) -> np.ndarray:
-        """Return poses of the rail in frame facade at times since the start [s], shape (n, 3)."""
+        """
+        Return the prescribed poses of the rail in frame facade, shape (n, 3).
+
+        The times are since the start [s]. Without sines the poses are 0 and prescribe nothing.
+        """
         axes = []
         for sines in (self.x, self.y, self.theta):
             values = np.zeros(np.shape(times))
@@ -111,6 +131,11 @@ class Mission:
         (0.06, 0.25, 0.0),
         (-0.06, 0.255, 0.0),
     )
+
+    def __post_init__(self) -> None:
+        if not self.goals:
+            raise ParameterError('goals is empty; next: write at least one goal')
+        _require_triples('goals', self.goals, 'x, y, theta')
 
     def goal(self, elapsed: float) -> Pose:
         """Return the goal [m, m, rad] at a time since the start of the mission [s]."""
