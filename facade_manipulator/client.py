@@ -24,18 +24,23 @@ from functools import cache, partial
 import math
 from threading import Thread
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from lifecycle_msgs.msg import Transition
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from facade_manipulator import topics
-from facade_manipulator.errors import attributed, ManipulatorError
+from facade_manipulator.errors import attributed, ManipulatorError, NEXT
 from facade_manipulator.kinematics import Carriages, Pose
 from facade_manipulator.nodes.conversions import pose_stamped, ros_time
-from facade_manipulator.nodes.driver_status import SILENCE
-from facade_manipulator.nodes.messages import Frames, stamp_text, status_values
+from facade_manipulator.nodes.driver_status import SILENCE, SILENT
+from facade_manipulator.nodes.messages import (
+    Frames,
+    stamp_text,
+    status_level,
+    status_values,
+)
 
 ANSWER_TIMEOUT = 10.0  # s: the node may have just been started on a busy computer
 REPEAT_AFTER = 1.0  # s, until a harmless request without an answer is sent again
@@ -71,6 +76,50 @@ class NoAnswerError(ManipulatorError):
     """A node did not answer a request in time."""
 
 
+class GoalProgress(NamedTuple):
+    """Progress of a goal in a message on compensator/goal_status."""
+
+    state: str  #: such as ``'moving'`` or ``'held back'``
+    distance: float  #: of the measured head from the goal [m], NaN where unknown
+    angle: float  #: of the measured head from the goal [rad], NaN where unknown
+    message: str  #: state, reason and next step
+
+
+#: progress of a goal whose messages were lost, such as behind those of other goals
+UNKNOWN_PROGRESS = GoalProgress('unknown', math.nan, math.nan, 'its state is unknown')
+
+
+class GoalNotReachedError(NoAnswerError):
+    """
+    The head did not reach a goal in time; the goal stays in force.
+
+    `progress` is the progress of the goal at the timeout.
+    """
+
+    def __init__(self, message: str, progress: GoalProgress) -> None:
+        super().__init__(message)
+        self.progress = progress
+
+
+class ManipulatorStatus(NamedTuple):
+    """State of the drives in the newest message on driver/status."""
+
+    state: str  #: such as ``'active'`` or ``'stopped'``; ``'silent'`` without messages
+    level: str  #: ok, warn, error or stale
+    message: str  #: state, most severe problem and next step
+    next_step: str  #: of the operator, ``''`` while goals are followed
+    power: str  #: of the drives by their statuswords: confirmed off, unknown or on
+
+
+SILENT_DRIVER = ManipulatorStatus(
+    SILENT.state,
+    'stale',
+    f'{SILENT}{NEXT}{SILENT.next_step}',
+    SILENT.next_step,
+    SILENT.power,
+)
+
+
 class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     """
     Blocking client of one manipulator.
@@ -104,6 +153,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     ) -> None:
         self.node = Node(node_name, namespace=namespace)
         self.goal: Pose | None = None
+        self._stamp = ''  # of the last goal sent
         self._check = check
         self._frames = Frames.of(namespace)
         # the last messages of each topic: time of reception [s, monotonic], values and text
@@ -132,6 +182,37 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self._thread.join()
         self._executor.shutdown()
         self.node.destroy_node()
+
+    @property
+    def status(self) -> ManipulatorStatus:
+        """Return the state of the drives, which is ``'silent'`` while the driver is silent."""
+        values = self._driver_values()
+        if not values:
+            return SILENT_DRIVER
+        return ManipulatorStatus(
+            values.get('state', ''),
+            values['level'],
+            values['message'],
+            values.get('next step', ''),
+            values.get('power', SILENT.power),
+        )
+
+    @property
+    def progress(self) -> GoalProgress | None:
+        """Return the progress of the last goal sent, None before the first message about it."""
+        values = self._of_goal(self._stamp)
+        if not self._stamp or not values:
+            return None
+        if (
+            values.get('rejected goal stamp') == self._stamp
+        ):  # the rest is of another goal
+            return GoalProgress('rejected', math.nan, math.nan, values['rejection'])
+        return GoalProgress(
+            values.get('state', ''),
+            1e-3 * float(values.get('distance [mm]', 'nan')),
+            math.radians(float(values.get('angle [deg]', 'nan'))),
+            values['message'],
+        )
 
     def configure(self) -> None:
         """Start the bus and check the drives, unless they are already configured."""
@@ -183,8 +264,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         )
 
         message = pose_stamped(self._frames.facade, ros_time(), pose)
-        self.goal = pose
         stamp = stamp_text(message.header.stamp)
+        self.goal = pose
+        self._stamp = stamp
 
         def is_received() -> bool:
             goals.publish(message)  # repeat: discovery of a subscriber may be late
@@ -202,17 +284,23 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         Move the head along goals on the wall (frame ``facade``); return at the last goal.
 
         Raises a RequestRejectedError for a goal that is rejected or no longer followed, and a
-        NoAnswerError for a goal that is not reached within the timeout [s]; the goal then stays in
-        force.
+        GoalNotReachedError for a goal that is not reached within the timeout [s]; the goal then
+        stays in force.
         """
         for goal in goals:
             stamp = self.send_goal(goal)
             try:
                 self.wait_until(partial(self._is_reached, stamp), 'the goal', timeout)
             except NoAnswerError as error:
-                state = self._of_goal(stamp).get('message')
-                next_step = '' if 'next: ' in str(state) else f'; next: {CHECK_GOAL}'
-                raise NoAnswerError(f'{error}: {state}{next_step}') from error
+                raise self._not_reached(str(error)) from error
+
+    def _not_reached(self, problem: str) -> GoalNotReachedError:
+        """Return the error of the last goal sent, with its progress and a next step."""
+        progress = self.progress or UNKNOWN_PROGRESS
+        next_step = '' if NEXT in progress.message else f'{NEXT}{CHECK_GOAL}'
+        return GoalNotReachedError(
+            f'{problem}: {progress.message}{next_step}', progress
+        )
 
     def solve(self, goal: Pose) -> Carriages:
         """
@@ -352,7 +440,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         return {}
 
     def _receive(self, topic: topics.Topic, status: Any) -> None:
-        values = status_values(status) | {'message': status.message}
+        values = status_values(status)
+        values['message'] = status.message
+        values['level'] = status_level(status)
         self._received[topic].append((time.monotonic(), values))
 
     def _spin(self) -> None:

@@ -2,6 +2,7 @@
 
 from concurrent.futures import Future
 from functools import partial
+import math
 import os
 import signal
 import threading
@@ -16,6 +17,7 @@ from std_srvs.srv import Trigger
 from facade_manipulator import client as client_module
 from facade_manipulator import topics
 from facade_manipulator.client import (
+    GoalNotReachedError,
     ManipulatorClient,
     NoAnswerError,
     RequestRejectedError,
@@ -290,7 +292,7 @@ def test_reached_goal_ends_go_to(client, machine):
         (
             'moving',
             {},
-            NoAnswerError,
+            GoalNotReachedError,
             'timed out after 0.3 s waiting for the goal: moving',
         ),
         (
@@ -308,6 +310,58 @@ def test_goal_that_is_not_reached_raises_its_reason(
     machine.answer_goals(state, values)
     with pytest.raises(error, match=message):
         client.go_to(GOAL, timeout=0.3)
+
+
+def test_error_of_a_missed_goal_contains_its_progress(client, machine):
+    machine.answer_goals('moving', {'distance [mm]': '12.5', 'angle [deg]': '180.0'})
+    with pytest.raises(GoalNotReachedError) as caught:
+        client.go_to(GOAL, timeout=0.3)
+    progress = caught.value.progress
+    assert progress == client.progress
+    assert progress.state == 'moving' and progress.message == 'moving: reason'
+    assert (progress.distance, progress.angle) == pytest.approx((0.0125, math.pi))
+
+
+def test_progress_of_a_rejected_goal_is_its_rejection(client, machine):
+    values = {
+        'goal stamp': '2.0',
+        'distance [mm]': '1.0',
+        'rejected goal stamp': 'STAMP',
+        'rejection': 'x is above its limit',
+    }
+    machine.answer_goals('moving', values)
+    client.send_goal(GOAL)
+    assert client.progress.state == 'rejected'
+    assert client.progress.message == 'x is above its limit'
+    assert math.isnan(client.progress.distance)
+
+
+def test_progress_is_none_before_the_first_goal(client):
+    assert client.progress is None
+
+
+def test_status_is_the_newest_message_of_the_driver(client, machine):
+    assert client.status.state == 'silent'
+    machine.report('stopped', 'q2 is silent; next: clear_faults', 'clear_faults')
+    client.wait_until(lambda: client.status.state != 'silent', 'driver/status')
+    assert client.status == (
+        'stopped',
+        'ok',
+        'q2 is silent; next: clear_faults',
+        'clear_faults',
+        'unknown',
+    )
+
+
+def test_status_of_a_silent_driver_names_a_next_step(client, machine, monkeypatch):
+    monkeypatch.setattr(client_module, 'SILENCE', 0.2)
+    machine.report('active')
+    client.wait_until(lambda: client.status.state == 'active', 'driver/status')
+    machine.status = None
+    client.wait_until(lambda: client.status.state == 'silent', 'silence')
+    assert client.status.message == (
+        'the driver is silent; next: check whether the driver still runs'
+    )
 
 
 def test_goal_is_sent_to_a_compensator_discovered_late(ros, client, machine):
