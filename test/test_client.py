@@ -416,12 +416,21 @@ def test_interrupted_client_can_still_halt(client):
         signal.signal(signal.SIGINT, before)
 
 
+def published(client):
+    """Return the topics with a publisher of the client, in the graph of ROS."""
+    found = client.node.get_publisher_names_and_types_by_node(
+        'supervisor', '/gondola_1'
+    )
+    return {name for name, _ in found}
+
+
 def test_observing_client_publishes_no_command(client):
-    time.sleep(0.1)
-    published = {
-        name
-        for name, _ in client.node.get_publisher_names_and_types_by_node(
-            'supervisor', '/gondola_1'
-        )
-    }
-    assert published <= {'/rosout', '/parameter_events'}
+    client.wait_until(lambda: '/rosout' in published(client), 'the publishers')
+    assert published(client) == {'/rosout', '/parameter_events'}
+
+
+def test_first_goal_of_a_client_creates_its_publisher(client, machine):
+    machine.answer_goals('reached')
+    client.go_to(GOAL)
+    client.wait_until(lambda: '/gondola_1/goal_pose' in published(client), 'goal_pose')
+    assert published(client) == {'/rosout', '/parameter_events', '/gondola_1/goal_pose'}

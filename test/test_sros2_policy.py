@@ -8,6 +8,7 @@ import pytest
 from rclpy.parameter import Parameter
 
 from facade_manipulator import config_path, topics
+from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.topics import Topic
 
 NAMESPACE = '/gondola_1'
@@ -18,6 +19,18 @@ VARIANTS = {
     'gondola_simulator': [
         {'scenario': name} for name in ('breeze', 'sensors', 'pressing')
     ],
+}
+#: nodes of the policy that are not nodes of the package
+NEIGHBOURS = {
+    'supervisor',
+    'estimator',
+    'rail_sensors',
+    'force_sensor',
+    'camera',
+    'instrument',
+    'robot_state_publisher',
+    'recorder_gondola_1',
+    'viewer',
 }
 OF_ROS = {'/rosout', '/parameter_events'}
 Right = tuple[str, str, str]  # verb, kind, full name or pattern
@@ -44,10 +57,14 @@ def matches(right: Right, rule: Right) -> bool:
     return right[:2] == rule[:2] and fnmatchcase(right[2], rule[2])
 
 
-def endpoints(ros, name: str, parameters: dict[str, object]) -> set[Right]:
-    """Return the rights that a node with the given parameters needs."""
+def make_node(ros, name: str, parameters: dict[str, object]):
+    """Return a node of the package with the given parameters."""
     overrides = [Parameter(key, value=value) for key, value in parameters.items()]
-    node = ros.add(NODES[name](namespace=NAMESPACE, parameter_overrides=overrides))
+    return ros.add(NODES[name](namespace=NAMESPACE, parameter_overrides=overrides))
+
+
+def endpoints(node) -> set[Right]:
+    """Return the rights that a node needs."""
     return {
         ('publish', 'topic', '/rosout'),  # endpoint of rcl
         *(('publish', 'topic', one.topic_name) for one in node.publishers),
@@ -61,7 +78,7 @@ def endpoints(ros, name: str, parameters: dict[str, object]) -> set[Right]:
 def test_policy_allows_a_node_exactly_its_endpoints(ros, name):
     needed = set()
     for parameters in VARIANTS.get(name, [{}]):
-        needed |= endpoints(ros, name, parameters)
+        needed |= endpoints(make_node(ros, name, parameters))
     rules = allowed(name)
     assert not {one for one in needed if not any(matches(one, rule) for rule in rules)}
     optional = {('publish', 'topic', '/tf')}
@@ -70,6 +87,20 @@ def test_policy_allows_a_node_exactly_its_endpoints(ros, name):
         for rule in rules - optional
         if not any(matches(one, rule) for one in needed)
     }
+
+
+def test_policy_contains_all_nodes_and_their_neighbours():
+    profiles = [one.get('node') for one in ROOT.iter('profile')]
+    assert sorted(profiles) == sorted({*NODES} | NEIGHBOURS)
+
+
+@pytest.mark.usefixtures('ros')
+def test_policy_allows_a_client_its_endpoints():
+    rules = allowed('supervisor')
+    with ManipulatorClient(NAMESPACE) as client:
+        needed = endpoints(client.node)
+    assert ('subscribe', 'topic', f'{NAMESPACE}/driver/status') in needed
+    assert not {one for one in needed if not any(matches(one, rule) for rule in rules)}
 
 
 @pytest.mark.parametrize('observer', ['recorder_gondola_1', 'viewer'])

@@ -73,8 +73,10 @@ def test_same_seed_repeats_each_scenario_bit_by_bit(name):
 
 
 def test_another_seed_gives_other_wind_and_noise():
-    for first, second in zip(seen('gusts', 1), seen('gusts', 2), strict=True):
-        assert first != second or first == []
+    rails, estimates, *_ = seen('gusts', 1)
+    other_rails, other_estimates, *_ = seen('gusts', 2)
+    assert rails and rails != other_rails
+    assert estimates and estimates != other_estimates
 
 
 def test_world_is_independent_of_the_length_of_calls():

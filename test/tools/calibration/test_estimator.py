@@ -64,16 +64,17 @@ def measured(yaw, head, axes):
     )
 
 
-def recorded(yaw=0.01, head=wiping, seed=0, axes=0.0):
-    """Return a recording with noise of 1 mm and 1 mrad, as floats since 1970."""
-    random, tables = np.random.default_rng(seed), measured(yaw, head, axes)
-    noises = 1e-3, 0.0, 1e-3
+def recorded(yaw=0.01, head=wiping, seed=0, axes=0.0, noise=1e-3):
+    """Return a recording with noise [m, rad] of both sensors, as floats since 1970."""
+    random = np.random.default_rng(seed)
+    tables = measured(yaw, head, axes)
+    noises = noise, 0.0, noise
     return EstimatorRecording(
         *(
             np.column_stack(
-                [TIMES + late, table + noise * random.standard_normal((len(TIMES), 3))]
+                [TIMES + late, table + scale * random.standard_normal((len(TIMES), 3))]
             )
-            for late, table, noise in zip(
+            for late, table, scale in zip(
                 (DELAY, 0.0, LATE), tables, noises, strict=True
             )
         )
@@ -93,6 +94,12 @@ def test_minute_of_sway_determines_mounting_and_delay(seed):
     assert (off_by(found) < 4.0 * found.deviations).all()
     assert found.late == pytest.approx(LATE, abs=4e-3)
     assert found.residual == pytest.approx([1e-3] * 3, rel=0.3)
+
+
+@pytest.mark.parametrize('seed', [0, 1])
+def test_recording_with_noise_like_the_sway_is_rejected(seed):
+    with pytest.raises(CalibrationError, match='remain of a motion of'):
+        fit_estimator(GEOMETRY, recorded(seed=seed, noise=1e-2), PRESENT)
 
 
 def drift(wall):
