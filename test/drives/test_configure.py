@@ -70,12 +70,26 @@ def test_drive_in_fault_is_configured_but_stopped(rig):
     assert 'next: home, activate' in rig.request('clear_faults')
 
 
+def emergencies(rig):
+    """Return the COB-IDs of the drives' emergency messages since the last call."""
+    heard = [frame.cob_id for frame in rig.frames()]
+    assert heard.count(0x702) > 1  # the bus still carries heartbeats of q2
+    return {one for one in heard if 0x81 <= one <= 0xFF}
+
+
 def test_cleanup_leaves_no_drive_missing_the_master(rig):
     configured(rig)
     rig.request('cleanup')
     rig.frames()
     rig.run(3.0 * SETTINGS.heartbeat_timeout)
-    assert not [frame for frame in rig.frames() if 0x81 <= frame.cob_id <= 0xFF]
+    assert not emergencies(rig)
+
+
+def test_master_that_falls_silent_is_missed_by_drives(rig):
+    configured(rig)
+    rig.frames()
+    rig.pass_time(3.0 * SETTINGS.heartbeat_timeout)
+    assert emergencies(rig) == {0x81, 0x82, 0x83}
 
 
 def test_slow_drive_ends_configure_in_time(rig, monkeypatch):
@@ -138,6 +152,24 @@ def test_self_test_asks_all_drives_at_the_same_time(rig):
     assert sorted(first) == [0x601, 0x602, 0x603]
 
 
+DEVICE_TYPE = 0x582, bytes.fromhex('4300100092010200')  # answer of q2 for 1000h
+
+
+def asks_for_identity(frame):
+    """Return whether a frame requests object 1018h of q2, which is read after 1000h."""
+    return frame.cob_id == 0x602 and frame.data[1:3] == (0x1018).to_bytes(2, 'little')
+
+
+def test_answer_within_a_self_test_continues_it(rig):
+    configured(rig)
+    rig.drives[1].is_silent = True
+    rig.ask('self_test')
+    rig.frames()
+    rig.deliver([DEVICE_TYPE])
+    rig.cycles(3)
+    assert any(asks_for_identity(one) for one in rig.frames())
+
+
 def test_late_answer_after_a_cancelled_self_test_is_ignored(rig):
     configured(rig)
     rig.drives[1].is_silent = True
@@ -145,12 +177,12 @@ def test_late_answer_after_a_cancelled_self_test_is_ignored(rig):
     close = rig.ask('close')
     assert 'cancelled by close' in str(job.exception())
     rig.frames()
-    rig.deliver([(0x582, bytes.fromhex('4300100092010200'))])  # 1000h
+    rig.deliver([DEVICE_TYPE])
+    assert rig.bus.inbox[-1].cob_id == 0x582
     rig.until(close.done)
-    identity = (0x1018).to_bytes(2, 'little')  # follows 1000h
-    assert not any(
-        is_sdo_request(one) and one.data[1:3] == identity for one in rig.frames()
-    )
+    heard = rig.frames()
+    assert heard
+    assert not any(asks_for_identity(one) for one in heard)
 
 
 def test_changed_objects_of_two_drives_are_both_named(rig):
