@@ -215,7 +215,7 @@ def test_homing_stops_before_a_collision(make_rig):
 
 
 def slip(drive, metres=0.012):
-    drive.motor.offset += round(metres * drive.motor._per_metre)
+    drive.motor.offset += round(metres * drive.motor.counts_per_metre)
 
 
 @pytest.mark.parametrize('methods', [(37, 17, 17), (17, 17, 17), (37, 37, 37)], ids=str)

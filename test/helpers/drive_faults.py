@@ -39,7 +39,7 @@ def stuck(drive: SimulatedDrive) -> None:
 
 def slipping(drive: SimulatedDrive) -> None:
     """Count a travel of 30 mm that the carriage did not make."""
-    drive.motor.offset += round(0.03 * drive.motor._per_metre)
+    drive.motor.offset += round(0.03 * drive.motor.counts_per_metre)
 
 
 def without_safe_torque(drive: SimulatedDrive) -> None:

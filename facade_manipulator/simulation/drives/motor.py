@@ -58,15 +58,15 @@ class SimulatedMotor:
     def __init__(self, settings: SimulationSettings, scale: AxisSettings) -> None:
         self._settings = settings
         self._direction = scale.direction
-        self._per_metre = abs(scale.counts_per_metre)
+        self.counts_per_metre = abs(scale.counts_per_metre)
         self._force_per_torque = abs(scale.si_per_unit.force)
         # edges of stops and switches from the middle of the rail, to both sides [counts]
-        self.hard_stop = _HARD_STOP * self._per_metre
-        self.limit_switch = _LIMIT_SWITCH * self._per_metre
-        self.home_switch = settings.home_switch_width / 2.0 * self._per_metre
+        self.hard_stop = _HARD_STOP * self.counts_per_metre
+        self.limit_switch = _LIMIT_SWITCH * self.counts_per_metre
+        self.home_switch = settings.home_switch_width / 2.0 * self.counts_per_metre
         self.counts_per_revolution = scale.counts_per_revolution
-        self.peak_speed = _PEAK_SPEED * self._per_metre
-        self.peak_acceleration = _PEAK_ACCELERATION * self._per_metre
+        self.peak_speed = _PEAK_SPEED * self.counts_per_metre
+        self.peak_acceleration = _PEAK_ACCELERATION * self.counts_per_metre
         self.lag = settings.lag  #: time constant of the servo [s]; a test may change it
         self.inverted: Callable[[], int] = lambda: (
             0
@@ -77,7 +77,7 @@ class SimulatedMotor:
     def place(self, position: float) -> None:
         """Put the carriage at rest at a position along the rail [m], between the hard stops."""
         self.position = _bounded(  #: [counts]
-            position * self._direction * self._per_metre, self.hard_stop
+            position * self._direction * self.counts_per_metre, self.hard_stop
         )
         self.velocity = 0.0  #: [counts/s]
 
@@ -100,7 +100,7 @@ class SimulatedMotor:
     @property
     def carriage_position(self) -> float:
         """Return the true position of the carriage along the rail [m]."""
-        return self.position * self._direction / self._per_metre
+        return self.position * self._direction / self.counts_per_metre
 
     @property
     def inputs(self) -> int:
@@ -144,7 +144,7 @@ class SimulatedMotor:
 
     def coast(self, step: float) -> None:
         """Move without power over one time step [s]."""
-        braking = self._settings.coasting * self._per_metre * step
+        braking = self._settings.coasting * self.counts_per_metre * step
         self._move(self.velocity - _bounded(self.velocity, braking), step)
 
     def _move(self, velocity: float, step: float) -> None:

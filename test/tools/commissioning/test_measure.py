@@ -60,7 +60,7 @@ def test_jog_of_one_carriage_keeps_the_others_still(rig):
 def test_jog_with_an_encoder_beyond_10_m_moves(rig):
     motor = rig.drives[0].motor  # a multi-turn encoder keeps its position without power
     motor.count_from_here = lambda: None
-    motor.offset += 12.0 * motor._per_metre
+    motor.offset += 12.0 * motor.counts_per_metre
     assert rig.run('jog', 'q1', '5') == 0
     assert rig.places[0] == pytest.approx(-0.095, abs=1e-4)
 

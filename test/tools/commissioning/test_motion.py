@@ -12,7 +12,9 @@ MOVING = 2.0  # s after the begin of the command, when the carriages move
 
 
 def speeds(rig):
-    return [abs(drive.motor.velocity) / drive.motor._per_metre for drive in rig.drives]
+    return [
+        abs(drive.motor.velocity) / drive.motor.counts_per_metre for drive in rig.drives
+    ]
 
 
 def during(rig, rejected, act):

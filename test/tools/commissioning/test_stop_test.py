@@ -38,7 +38,9 @@ def test_stopping_distances_are_measured_and_recorded(make_rig, capsys):
 
 
 def is_weak(drive) -> None:
-    drive.motor.peak_acceleration = 1.3 * drive.motor._per_metre  # as for a heavy load
+    drive.motor.peak_acceleration = (
+        1.3 * drive.motor.counts_per_metre
+    )  # as for a heavy load
 
 
 def decelerates(share: float):
@@ -51,7 +53,7 @@ def decelerates(share: float):
 
 
 def has_a_weak_motor(drive) -> None:
-    drive.motor.peak_acceleration = 3.0 * drive.motor._per_metre
+    drive.motor.peak_acceleration = 3.0 * drive.motor.counts_per_metre
 
 
 @pytest.mark.parametrize(
