@@ -37,8 +37,11 @@ class CompensatedHead:
         self.outputs = []  #: corrected poses, None without a goal
         self.accepted = 0  #: number of accepted estimates
         self.count = 0  #: number of estimates
-        self._true, self._lag, self.head = START, lag, head
-        self._rate, self._age = rate, age
+        self._true = START
+        self._lag = lag
+        self.head = head
+        self._rate = rate
+        self._age = age
         if goal is not None:
             self.compensator.set_goal(goal)
 

@@ -30,7 +30,8 @@ from facade_manipulator.parameters import parameter_fields
 
 pytestmark = pytest.mark.long
 
-GOAL, ASIDE = Pose(0.05, 0.25, 0.05), Pose(-0.1, 0.25, 0.0)
+GOAL = Pose(0.05, 0.25, 0.05)
+ASIDE = Pose(-0.1, 0.25, 0.0)
 RAIL = Pose(0.02, -0.005, 0.01)
 
 
@@ -134,7 +135,8 @@ def test_hold_brakes_within_the_limits_and_stays(lag, most):
     run = CompensatedHead(RAIL, ASIDE, lag=lag).run(8.0)
     run.compensator.set_goal(GOAL)
     begin = run.run(0.6).last.reference
-    place, held = run.compensator.hold(run.now), len(run.outputs)
+    place = run.compensator.hold(run.now)
+    held = len(run.outputs)
     run.run(3.0)
     x = np.array([output.reference.x for output in run.outputs[held - 3 :]])
     assert run.compensator.goal == place != GOAL

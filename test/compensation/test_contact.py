@@ -57,10 +57,15 @@ def press(
     The sensor returns a reading of time and force, or None.
     """
     pressing = pressing or Pressing(replace(SETTINGS, **settings))
-    random, last = np.random.default_rng(1), None
-    offsets, yaws, forces, desired = [], [], [], []
+    random = np.random.default_rng(1)
+    last = None
+    offsets = []
+    yaws = []
+    forces = []
+    desired = []
     for k in range(round(duration / PERIOD)):
-        now, reached = start + k * PERIOD, max(k - HORIZON, 0)
+        now = start + k * PERIOD
+        reached = max(k - HORIZON, 0)
         pressing.step(now, now + HORIZON * PERIOD, PERIOD, around(now))
         offsets.append(pressing.normal.shift)
         yaws.append(pressing.theta.offset)
@@ -122,7 +127,8 @@ def test_force_out_of_range_is_a_hindrance(wall, stiffness, mode, reason):
 
 
 def test_normal_approach_to_the_wall_has_no_hindrance():
-    pressing, hindered = Pressing(SETTINGS), []
+    pressing = Pressing(SETTINGS)
+    hindered = []
     for k in range(200):
         press(600.0, 0.1, pressing=pressing, start=0.1 * k)
         hindered.append(pressing.outcome if pressing.is_hindered else '')
@@ -398,7 +404,10 @@ def test_yaw_yields_to_a_moment_beyond_the_dead_band(enabled, tilt, turned):
 
 def hold(ratio, wall, duration=30.0):
     """Return the force error on a wall with a ratio of the law's stiffness, without tracker."""
-    law, offsets, forces, stiffness = ForceLaw(), [], [], 2000.0
+    law = ForceLaw()
+    offsets = []
+    forces = []
+    stiffness = 2000.0
     for k in range(round(duration / PERIOD)):
         time = (k + HORIZON) * PERIOD
         law.move(time, law.offset + PERIOD * law.velocity(0.0, stiffness / ratio, time))
@@ -411,7 +420,8 @@ def hold(ratio, wall, duration=30.0):
 
 @pytest.mark.parametrize('frequency', [0.1, 0.33, 1.0, 3.0])
 def test_force_law_passes_wall_motion_as_loop_gain_predicts(frequency):
-    delay, s = PERIOD * (HORIZON + LATENCY), 2j * math.pi * frequency
+    delay = PERIOD * (HORIZON + LATENCY)
+    s = 2j * math.pi * frequency
     late = cmath.exp(-s * delay)
     expected = abs(1.0 / (1.0 + late / (s * TIME_CONSTANT * delay + 1.0 - late)))
     force = hold(1.0, lambda time: 1e-3 * math.sin(math.tau * frequency * time))

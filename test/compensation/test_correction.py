@@ -61,7 +61,9 @@ class Run(CompensatedHead):
         return self.correction.at(self.now, self.now + HORIZON)
 
     def go(self, duration, heard=True, known=ALL_KNOWN, lie=()):
-        self.heard, self.known, self.lie = heard, known, [*lie]
+        self.heard = heard
+        self.known = known
+        self.lie = [*lie]
         return self.run(duration)
 
     def error(self):
@@ -110,7 +112,8 @@ def test_correction_fades_in_and_out_without_a_step(enabled, heard, mode):
 def test_estimate_is_learnt_only_after_a_minimum_interval(elapsed, is_learnt):
     run = Run().go(2.0)
     predictor = run.correction.predictor
-    last, since = predictor.stamp, predictor.since
+    last = predictor.stamp
+    since = predictor.since
     run.correction.add_estimate(
         Estimate(last + elapsed, breeze(last + elapsed), VARIANCES)
     )
@@ -189,7 +192,8 @@ def test_smoothing_follows_the_noise_of_the_estimates(share, constant):
 
 
 def test_fading_is_the_motion_by_an_estimator_step(settled):
-    run, moved_by = deepcopy(settled), np.zeros(3)
+    run = deepcopy(settled)
+    moved_by = np.zeros(3)
     for _ in range(400):
         run.go(PERIOD, lie=[0.03])
         moved_by += PERIOD * np.array(run.correction.fading)

@@ -48,7 +48,8 @@ def test_lag_of_the_head_is_measured_within_a_bound(lag, measured):
 
 @pytest.mark.parametrize('lag', [-0.01, 0.03])
 def test_lag_of_a_head_that_starts_has_no_jump(lag):
-    following, lags = Following(), []
+    following = Following()
+    lags = []
     following.begin(1000.0)
 
     def path(time):

@@ -321,15 +321,14 @@ def test_uncorrected_goal_is_held_back_with_the_cause(motion, is_enabled, reason
     correction.enabled = True
     machine.follow(GOAL, '1.0')
     assert states(machine.run(6.0))[-1] == 'reached'
-    correction.enabled, machine.head.variances = (
-        is_enabled,
-        None if is_enabled else (0.0,) * 3,
-    )
+    correction.enabled = is_enabled
+    machine.head.variances = None if is_enabled else (0.0,) * 3
     sent = machine.run(2.0)
     assert states(sent) == ['held back'] and {one['reason'] for one in sent} == {reason}
     (warning,) = machine.warnings
     assert warning == f'goal held back: {sent[0]["reason"]}'
     # the place of the head on the wall is unknown without estimates
     assert {math.isnan(one['distance [mm]']) for one in sent[1:]} == {is_enabled}
-    correction.enabled, machine.head.variances = True, (0.0,) * 3
+    correction.enabled = True
+    machine.head.variances = (0.0,) * 3
     assert states(machine.run(6.0))[-1] == 'reached'

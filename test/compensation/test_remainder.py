@@ -23,7 +23,8 @@ constants = st.floats(0.02, 2.0)
 def test_remainder_begins_with_the_jump_and_decays_smoothly(jump, constant, elapsed):
     remainder = Remainder(constant)
     remainder.add(START, jump)
-    begun, late = remainder.at(START), remainder.at(START + 20.0 * constant)
+    begun = remainder.at(START)
+    late = remainder.at(START + 20.0 * constant)
     assert begun.position == pytest.approx(tuple(jump.position), abs=1e-12)
     assert begun.velocity == pytest.approx(tuple(jump.velocity), abs=1e-12)
     assert late.position == pytest.approx((0.0,) * 3, abs=1e-7)
@@ -47,12 +48,10 @@ def test_remainder_begins_with_the_jump_and_decays_smoothly(jump, constant, elap
 )
 def test_trajectory_with_its_remainders_stays_within_the_bound(pieces, slow, fast):
     """Each piece of the trajectory begins with a position, velocity and acceleration."""
-    fade, brake, reached, beyond = (
-        Remainder(slow),
-        Remainder(fast),
-        motion(0.0, 0.0),
-        0.0,
-    )
+    fade = Remainder(slow)
+    brake = Remainder(fast)
+    reached = motion(0.0, 0.0)
+    beyond = 0.0
     highest = np.zeros(3)  # of position, velocity and acceleration
     for number, (p, v, a) in enumerate(pieces):
         begin = START + 2.0 * number * PERIOD
@@ -89,7 +88,9 @@ def test_trajectory_with_its_remainders_stays_within_the_bound(pieces, slow, fas
 )
 def test_remainder_with_changing_time_constant_stays_within_the_bound(pieces, least):
     """Each piece has a position, velocity, acceleration, and a multiple of the time constant."""
-    remainder, reached, beyond = Remainder(least), motion(0.0, 0.0), 0.0
+    remainder = Remainder(least)
+    reached = motion(0.0, 0.0)
+    beyond = 0.0
     highest = np.zeros(3)  # of position, velocity and acceleration
     for number, (p, v, a, factor) in enumerate(pieces):
         begin = START + 2.0 * number * PERIOD
@@ -112,8 +113,10 @@ def test_remainder_with_changing_time_constant_stays_within_the_bound(pieces, le
 )
 def test_remainder_decays_for_any_change_of_its_time_constant(factors, step):
     """The measure of the remainder is the Lyapunov function of the proof."""
-    least, before = 0.015, math.inf
-    remainder, scale = Remainder(least), least * math.sqrt(5.8)
+    least = 0.015
+    before = math.inf
+    remainder = Remainder(least)
+    scale = least * math.sqrt(5.8)
     remainder.add(START, motion(1.0, 0.0))
     for number, factor in enumerate(factors):
         time = START + number * step

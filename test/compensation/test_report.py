@@ -20,10 +20,8 @@ from facade_manipulator.compensation.report import (
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose, ZERO_POSE
 
-POSE, WORDS = (
-    Pose(0.001, -0.02, math.radians(3.0)),
-    'x +1.0 mm, y -20.0 mm, theta +3.00 deg',
-)
+POSE = Pose(0.001, -0.02, math.radians(3.0))
+WORDS = 'x +1.0 mm, y -20.0 mm, theta +3.00 deg'
 
 
 @pytest.fixture
@@ -43,9 +41,11 @@ def compensator():
 )
 def test_level_follows_mode_and_held_back_axes(compensator, mode, level, held):
     compensator.correction.mode = mode
-    text, step = mode.value, ''
+    text = mode.value
+    step = ''
     if mode in (CorrectionMode.NO_ESTIMATE, CorrectionMode.SILENT):
-        text, step = f'{text}: the estimator is silent', '; next: check the estimator'
+        text = f'{text}: the estimator is silent'
+        step = '; next: check the estimator'
     assert correction_outcome(compensator, 100.0, '') == (level, text + step)
     compensator.held_back.note(100.0, ZERO_POSE, Pose(0.0, 0.01, 0.0))
     found, message = correction_outcome(compensator, 100.0, '')

@@ -10,7 +10,8 @@ from facade_manipulator.estimation.history import Measurement
 from facade_manipulator.estimation.model import DistanceSensor, Y
 from facade_manipulator.estimation.start import FirstMeasurements, start_at_wall
 
-PERIOD, SIGMA = 0.01, 3e-4
+PERIOD = 0.01
+SIGMA = 3e-4
 PLACES = np.array(((-0.5, 0.0, 0.0), (0.5, 0.02, 0.0)))
 
 
@@ -45,7 +46,8 @@ def test_mullion_becomes_a_level_after_a_quarter_second():
 
 
 def test_window_panes_are_outliers_without_a_level():
-    seen, random = channel(), np.random.default_rng(1)
+    seen = channel()
+    random = np.random.default_rng(1)
     measurements, events = decide(
         seen, np.where(random.random(500) < 0.5, random.uniform(0.3, 3.0, 500), 0.0)
     )

@@ -18,7 +18,8 @@ STARTED = [
     'y, theta: started by range_1, range_2',
     'x: started by fix_x',
 ]
-SILENT, RANGES = 'imu: silent for', ('range_1', 'range_2')
+SILENT = 'imu: silent for'
+RANGES = ('range_1', 'range_2')
 POSE = replace(SETUP, distances={}, fixes={}, poses={'camera': PoseFixSettings()})
 
 

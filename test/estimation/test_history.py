@@ -9,7 +9,8 @@ from facade_manipulator.estimation.history import History, Measurement, SPAN
 from facade_manipulator.estimation.model import AX, Process, update, VX, X
 from facade_manipulator.estimation.settings import ImuSettings
 
-STEP, STEPS = 0.005, 60
+STEP = 0.005
+STEPS = 60
 STAMPS = [0.0123, 0.05, 0.0777, 0.1011, 0.1999]
 
 
@@ -39,7 +40,8 @@ class Played:
             self.decided += 1
         mean, covariance = step.state
         jacobian = np.zeros(len(mean))
-        jacobian[X], jacobian[VX] = 1.0, measurement.stamp - step.stamp
+        jacobian[X] = 1.0
+        jacobian[VX] = measurement.stamp - step.stamp
         cross = covariance @ jacobian
         return update(
             step.state,
@@ -89,7 +91,8 @@ def test_first_input_at_the_initial_time_keeps_the_pose():
 
 
 def test_inputs_between_two_queries_share_one_step():
-    rare, frequent = Played(query=STEPS), Played()
+    rare = Played(query=STEPS)
+    frequent = Played()
     assert rare.history.update().state.mean[:AX] == pytest.approx(
         frequent.history.update().state.mean[:AX], abs=1e-4
     )

@@ -10,12 +10,15 @@ from facade_manipulator.estimation.inputs import ImuGate, rotation, YawCompariso
 from facade_manipulator.estimation.settings import ImuSettings
 from facade_manipulator.kinematics import GRAVITY
 
-STEP, STILL, REST = 0.005, (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY)
+STEP = 0.005
+STILL = (0.0, 0.0, 0.0)
+REST = (0.0, 0.0, GRAVITY)
 
 
 def rejection(rates=STILL, forces=REST, late=0.004, count=1, step=STEP):
     """Return the reason why the last of several measurements is rejected."""
-    gate, found = ImuGate(ImuSettings()), ''
+    gate = ImuGate(ImuSettings())
+    found = ''
     for k in range(count):
         now = 1000.0 + k * step
         try:
@@ -66,7 +69,8 @@ def test_turned_imu_measurements_are_rotated_to_the_rail(angles):
 
 def fault_of(swapped=1.0, factor=1.0, panes=0.0, noise=2e-4):
     """Return the fault that half a minute of yaw reveals."""
-    comparison, random = YawComparison(), np.random.default_rng(3)
+    comparison = YawComparison()
+    random = np.random.default_rng(3)
     for time in np.arange(0.0, 30.0, 0.01):
         comparison.turned += 0.01 * (factor * 0.01 * math.cos(1.3 * time) + 0.02)
         yaw = swapped * 0.01 / 1.3 * math.sin(1.3 * time)

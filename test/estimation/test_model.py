@@ -96,7 +96,8 @@ def test_rail_that_tilts_in_a_cone_does_not_yaw():
     state = process.initial_state()
     state.mean[model.TILT_X] = tilt
     for phase in turn * STEP * (np.arange(400) + 0.5):
-        x, y = math.cos(phase), math.sin(phase)
+        x = math.cos(phase)
+        y = math.sin(phase)
         rates = turn * np.array(
             (-math.sin(tilt) * y, math.sin(tilt) * x, math.cos(tilt) - 1.0)
         )

@@ -21,10 +21,12 @@ from facade_manipulator.kinematics import (
 def paper_matrices(geometry, pose):
     """Return the matrices A and B of eqs 15-16, as printed."""
     b = geometry.platform_half_length
-    s, c = math.sin(pose.theta), math.cos(pose.theta)
+    s = math.sin(pose.theta)
+    c = math.cos(pose.theta)
     q1, q2, q3 = inverse_kinematics(geometry, pose)
     y = pose.y
-    p, r = q1 - q3, q2 - q3
+    p = q1 - q3
+    r = q2 - q3
     a = np.array(
         [
             [2 * b * c + 2 * p, 0.0, -2 * b * c - 2 * p],
@@ -77,7 +79,8 @@ def test_conditioning_index_equals_that_of_the_matrix(drawn, length, shift):
     ]
     index = local_conditioning_index(geometry, pose, length)
     assert index == pytest.approx(1.0 / math.prod(norms), rel=1e-7)
-    moved, mirrored = pose._replace(x=pose.x + shift), pose._replace(theta=-pose.theta)
+    moved = pose._replace(x=pose.x + shift)
+    mirrored = pose._replace(theta=-pose.theta)
     assert local_conditioning_index(geometry, moved, length) == index
     assert local_conditioning_index(geometry, mirrored, length) == pytest.approx(
         index, rel=1e-12

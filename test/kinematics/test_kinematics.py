@@ -80,7 +80,8 @@ def test_carriages_without_a_pose_are_rejected(geometry, carriages, words):
 @pytest.mark.parametrize(('side', 'name'), [('q1', 'q1 - q3'), ('q2', 'q3 - q2')])
 def test_carriages_of_another_working_mode_are_rejected(theta, side, name):
     pose = Pose(0.1, 0.2, theta)
-    at, span = inverse_kinematics(DESIGN, pose), 0.348 * math.cos(theta)
+    at = inverse_kinematics(DESIGN, pose)
+    span = 0.348 * math.cos(theta)
     joint = pose.x + (-span if side == 'q1' else span)
     mirrored = 2.0 * joint - getattr(at, side)  # in the joint of the platform
     with pytest.raises(UnreachableError, match='another working mode') as error:

@@ -85,7 +85,8 @@ def test_forward_kinematics_undoes_inverse_kinematics(drawn):
 @given(machines())
 def test_jacobian_is_the_derivative_of_inverse_kinematics(drawn):
     machine, pose = drawn
-    step, matrix = 1e-7, machine.jacobian(pose)
+    step = 1e-7
+    matrix = machine.jacobian(pose)
     assume(abs(matrix).max() < 20.0)
     for column, unit in zip(matrix.T, np.eye(3), strict=True):
         ahead, back = (
@@ -117,10 +118,13 @@ def test_carriage_velocity_and_force_match_the_head(drawn, wrench, velocity):
 @given(machines())
 def test_inverse_kinematics_keeps_the_measured_lengths(drawn):
     machine, pose = drawn
-    geometry, (x, y, theta) = machine.geometry, machine.platform(pose)
+    geometry = machine.geometry
+    x, y, theta = machine.platform(pose)
     q1, q2, q3 = machine.on_rail(machine.inverse_kinematics(pose))
-    (l1, l2), (b1, b2) = geometry.link_lengths, geometry.half_lengths
-    sine, cosine = math.sin(theta), math.cos(theta)
+    l1, l2 = geometry.link_lengths
+    b1, b2 = geometry.half_lengths
+    sine = math.sin(theta)
+    cosine = math.cos(theta)
     assert math.hypot(x - b1 * cosine - q1, y - b1 * sine) == pytest.approx(l1)
     assert math.hypot(x + b2 * cosine - q2, y + b2 * sine) == pytest.approx(l2)
     assert q3 == pytest.approx(x, abs=1e-14)
@@ -129,7 +133,8 @@ def test_inverse_kinematics_keeps_the_measured_lengths(drawn):
 @given(workspace_poses())
 def test_vanishing_errors_give_the_nominal_kinematics(pose):
     assume(local_conditioning_index(DESIGN, pose) > 0.06)
-    drawing, almost = Mechanism(DESIGN), Mechanism(Geometry(tool=(1e-300, 0.0, 0.0)))
+    drawing = Mechanism(DESIGN)
+    almost = Mechanism(Geometry(tool=(1e-300, 0.0, 0.0)))
     assert almost.certify(pose) == pytest.approx(drawing.certify(pose), abs=1e-14)
     assert almost.jacobian(pose) == pytest.approx(
         jacobian(DESIGN, pose), rel=1e-12, abs=1e-12
@@ -175,7 +180,8 @@ def test_carriages_without_a_pose_are_rejected(error):
 @pytest.mark.parametrize('place', range(3))
 @pytest.mark.parametrize('error', [{}, {'rail_angle': 0.01}])
 def test_coordinate_that_is_not_finite_is_named(error, place, bad):
-    machine, values = made(**error), [0.0, 0.25, 0.0]
+    machine = made(**error)
+    values = [0.0, 0.25, 0.0]
     values[place] = bad
     for kind, function in (
         (Pose, machine.certify),

@@ -38,7 +38,8 @@ def test_planar_poses_form_a_group(a, b, c):
 
 @given(poses, poses, poses, poses)
 def test_motion_states_add_and_subtract(a, v, b, w):
-    one, other = MotionState(a, Twist(*v)), MotionState(b, Twist(*w))
+    one = MotionState(a, Twist(*v))
+    other = MotionState(b, Twist(*w))
     assert one.plus(other).velocity == same(add(v, w))
     assert one.plus(other).position == same(add(a, b))
     assert one.minus(other) == (same(subtract(a, b)), same(subtract(v, w)))

@@ -16,12 +16,14 @@ from facade_manipulator.prediction.positions import Positions
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
 NEAR = slice(0, 4)
-NO_NOISE, NO_TONES = np.full(1, 1e-9), np.zeros(1)
+NO_NOISE = np.full(1, 1e-9)
+NO_TONES = np.zeros(1)
 
 
 def textbook_response(bandwidth, frequency):
     """Return p, v/ω, a/ω² of the steady Kalman-Bucy filter for white jerk."""
-    motion, seen = np.diag([1.0, 1.0], 1), np.array([[1.0, 0.0, 0.0]])
+    motion = np.diag([1.0, 1.0], 1)
+    seen = np.array([[1.0, 0.0, 0.0]])
     covariance = solve_continuous_are(
         motion.T, seen.T, np.diag([0.0, 0.0, bandwidth**6]), np.eye(1)
     )
@@ -41,7 +43,9 @@ def test_response_is_that_of_the_kalman_bucy_filter(frequency):
 
 
 def test_filter_bank_passes_a_sine_with_its_response():
-    bank, interval, frequency = FilterBank(1), 0.002, 0.3
+    bank = FilterBank(1)
+    interval = 0.002
+    frequency = 0.3
     for time in interval * np.arange(1, 8001):
         bank.update(interval, np.array([np.cos(2.0 * np.pi * frequency * time)]))
     wave = np.exp(
@@ -53,7 +57,8 @@ def test_filter_bank_passes_a_sine_with_its_response():
 
 
 def test_many_short_intervals_equal_one_long_interval():
-    once, often = FilterBank(1), FilterBank(1)
+    once = FilterBank(1)
+    often = FilterBank(1)
     once.update(0.5, np.ones(1))
     for _ in range(50):
         often.update(0.01, np.ones(1))
@@ -68,7 +73,8 @@ def test_prior_moments_are_covariances(moments):
 
 
 def test_weights_before_learning_follow_the_prior():
-    continuation, sway = Continuation(1, NEAR), sway_moments()
+    continuation = Continuation(1, NEAR)
+    sway = sway_moments()
     continuation.solve(np.ones(1), NO_NOISE, NO_TONES)
     expected = np.linalg.lstsq(sway.features, sway.moves[:, NEAR], rcond=None)[0]
     assert sway.features @ continuation.weights[0] == pytest.approx(
@@ -84,8 +90,11 @@ def only_noise():
 
 
 def test_noise_gains_equal_those_of_white_noise():
-    continuation, bank = only_noise(), FilterBank(500)
-    random, seen, errors = np.random.default_rng(2), [], []
+    continuation = only_noise()
+    bank = FilterBank(500)
+    random = np.random.default_rng(2)
+    seen = []
+    errors = []
     for k in range(1000):
         bank.update(0.02, random.standard_normal(500))
         if k > 500 and k % 20 == 0:
@@ -101,7 +110,9 @@ def test_noise_gains_equal_those_of_white_noise():
 
 def learnt(seconds, weights, noise=0.0):
     """Return a continuation that has learnt moves of 0.2 s given by weights of the features."""
-    random, continuation, past = np.random.default_rng(0), Continuation(1, NEAR), []
+    random = np.random.default_rng(0)
+    continuation = Continuation(1, NEAR)
+    past = []
     positions = Positions()
     continuation.solve(NO_NOISE, NO_NOISE, NO_TONES)
     for stamp in 0.05 * np.arange(1, 20 * seconds):
@@ -136,11 +147,11 @@ def test_estimate_noise_does_not_count_as_forecast_error():
 @pytest.mark.long
 @pytest.mark.parametrize('share', [0.0, 0.4, 1.0])
 def test_trust_is_the_right_share_of_the_step(share):
-    wave, continuation = (
-        np.random.default_rng(3).standard_normal(520),
-        Continuation(1, NEAR),
-    )
-    noise, tones, positions = np.full(1, 1e-3), np.full(1, 5.0), Positions()
+    wave = np.random.default_rng(3).standard_normal(520)
+    continuation = Continuation(1, NEAR)
+    noise = np.full(1, 1e-3)
+    tones = np.full(1, 5.0)
+    positions = Positions()
     for k in range(500):
         steps, zero = np.zeros((2, 1, len(HORIZONS)))
         steps[:, NEAR] = wave[k + 1 : k + 5]  # the next values, 0.05 s apart

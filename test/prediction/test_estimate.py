@@ -102,7 +102,9 @@ def test_change_that_no_gondola_makes_is_rejected(pose, elapsed, reason):
 @settings(max_examples=20)  # each has 400 estimates
 @given(st.lists(st.floats(-0.01, 0.01), min_size=400, max_size=400))
 def test_200_hz_estimates_with_10_ms_jitter_are_accepted(jitter):
-    stamps, checked, rejected = [k / 200.0 for k in range(len(jitter))], gate(), 0
+    stamps = [k / 200.0 for k in range(len(jitter))]
+    checked = gate()
+    rejected = 0
     for arrival, stamp in sorted(zip(np.add(stamps, jitter), stamps, strict=True)):
         try:
             checked.check(NOW + arrival, NOW + stamp, ZERO_POSE, NOISE)
@@ -112,7 +114,8 @@ def test_200_hz_estimates_with_10_ms_jitter_are_accepted(jitter):
 
 
 def test_lasting_jump_is_accepted_after_a_possible_time():
-    checked, accepted = gate(), []
+    checked = gate()
+    accepted = []
     checked.check(NOW, NOW, ZERO_POSE)
     for stamp in NOW + 0.02 * np.arange(1, 20):
         try:
@@ -209,7 +212,8 @@ def test_turned_axes_swap_x_and_y_and_their_variances():
 
 
 def test_estimate_has_the_time_and_variances_of_the_rail():
-    checked, rail = gate(mounting=MOUNTING, delay=0.1), Pose(0.1, 0.0, 0.02)
+    checked = gate(mounting=MOUNTING, delay=0.1)
+    rail = Pose(0.1, 0.0, 0.02)
     estimate = checked.check(
         NOW, NOW + 0.05, published_motion(rail, Pose(*MOUNTING)), (1e-6, 1e-6, 1e-6)
     )

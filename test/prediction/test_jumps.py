@@ -24,7 +24,9 @@ class Detected:
     def __init__(self, seed=0):
         self.detector = JumpDetector(ACCELERATION)
         self.random = np.random.default_rng(seed)
-        self.stamp, self.is_wrong, self.decisions = 0.0, [], []
+        self.stamp = 0.0
+        self.is_wrong = []
+        self.decisions = []
         self.add(25 * [0.0])
         self.is_wrong.clear()
 
@@ -43,7 +45,8 @@ class Detected:
         return self
 
 
-seeds, signs = st.integers(0, 10_000), st.sampled_from((-1.0, 1.0))
+seeds = st.integers(0, 10_000)
+signs = st.sampled_from((-1.0, 1.0))
 
 
 @given(seeds, st.floats(8.0, 1000.0), signs)

@@ -4,7 +4,9 @@ import numpy as np
 
 from facade_manipulator.prediction.positions import Positions
 
-ORIGIN, VALUES, ERRORS = np.zeros(2), np.array([1.0, 2.0]), np.array([0.5, 0.25])
+ORIGIN = np.zeros(2)
+VALUES = np.array([1.0, 2.0])
+ERRORS = np.array([0.5, 0.25])
 
 
 def doubted():

@@ -72,7 +72,9 @@ class Run:
     """A predictor with a motion; errors and standard deviations one horizon ahead."""
 
     def __init__(self, motion, duration, rate=50.0, noise=NOISE, **changes):
-        self.predictor, self.rate, self.noise = DisturbancePredictor(), rate, noise
+        self.predictor = DisturbancePredictor()
+        self.rate = rate
+        self.noise = noise
         self.random = np.random.default_rng(0)
         self.errors, self.deviations = np.empty((2, 0, 3))
         self.go(motion, duration, **changes)
@@ -183,7 +185,9 @@ shares = st.tuples(
 )
 def test_bounded_estimates_give_a_bounded_prediction(changes, deviation):
     """The gate rejects larger changes, and the correction skips estimates at shorter intervals."""
-    predictor, stamp, values = DisturbancePredictor(), 1000.0, np.zeros(3)
+    predictor = DisturbancePredictor()
+    stamp = 1000.0
+    values = np.zeros(3)
     for interval, share in changes:
         stamp += interval
         largest = LARGEST_JUMP + FASTEST * abs(interval)
@@ -197,8 +201,10 @@ def test_bounded_estimates_give_a_bounded_prediction(changes, deviation):
 
 
 def test_prediction_of_random_walks_stays_bounded_for_a_minute():
-    random, predictor = np.random.default_rng(0), DisturbancePredictor()
-    values, worst = np.zeros(3), 0.0
+    random = np.random.default_rng(0)
+    predictor = DisturbancePredictor()
+    values = np.zeros(3)
+    worst = 0.0
     for k in range(3000):
         values = np.clip(values + 0.02 * random.standard_normal(3), -0.3, 0.3)
         if random.random() < 0.01:
@@ -211,7 +217,9 @@ def test_prediction_of_random_walks_stays_bounded_for_a_minute():
 @cache
 def predictions(motion, start=1000.0, scale=1.0, offset=0.0):
     """Return predictions for scaled estimates, with bounds that do not apply."""
-    random, predictor, found = np.random.default_rng(3), DisturbancePredictor(), []
+    random = np.random.default_rng(3)
+    predictor = DisturbancePredictor()
+    found = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reduction, 'MAX_ACCELERATION', np.full(3, 50.0))
         patch.setattr(doubt, 'STRONGEST_PUSH', np.full(3, 50.0))
@@ -234,7 +242,8 @@ def predictions(motion, start=1000.0, scale=1.0, offset=0.0):
     [{'start': 0.0}, {'scale': -1.0}, {'scale': 2.5}, {'scale': 0.1}, {'offset': 0.4}],
 )
 def test_prediction_is_independent_of_time_sign_unit_and_origin(change):
-    scale, offset = change.get('scale', 1.0), change.get('offset', 0.0)
+    scale = change.get('scale', 1.0)
+    offset = change.get('offset', 0.0)
     expected = scale * predictions(BREEZE) + offset
     assert np.abs(predictions(BREEZE, **change) - expected).max() < 1e-6 * abs(scale)
 
@@ -329,7 +338,8 @@ def test_estimator_that_steps_back_counts_two_steps():
 
 def pushed(time):
     """Return the sway of a gondola of 500 kg pushed with 150 N for 0.3 s at 20 s."""
-    since, rate = max(time - 20.0, 0.0), math.tau * 0.12
+    since = max(time - 20.0, 0.0)
+    rate = math.tau * 0.12
     end = min(since, 0.3)
     after = rate * (since - end)
     return BREEZE(time) + 0.3 * (
@@ -380,9 +390,11 @@ def test_sway_outweighs_a_long_learnt_rest():
 
 def test_motion_at_the_start_is_not_a_step():
     """The gondola already swings when the first estimate arrives."""
-    steps, wrong = 0, 0
+    steps = 0
+    wrong = 0
     for seed in range(12):
-        predictor, random = DisturbancePredictor(), np.random.default_rng(seed)
+        predictor = DisturbancePredictor()
+        random = np.random.default_rng(seed)
         phases = random.uniform(0.0, math.tau, 3)
         for number in range(150):
             time = 0.02 * number
@@ -403,7 +415,8 @@ def test_calm_after_a_storm_is_predicted_without_its_peak():
     strength = np.interp(times, (0.0, 30.0, 40.0), (3.0, 3.0, 0.02))
     motion = law.gusts(2, 0.02)[:7000] * strength[:, None]
     noise = NOISE * np.random.default_rng(2).standard_normal(motion.shape)
-    predictor, errors = DisturbancePredictor(), []
+    predictor = DisturbancePredictor()
+    errors = []
     for number, values in enumerate((motion + noise)[:-6].tolist()):
         predictor.update(times[number], Pose(*values), VARIANCES)
         predicted = predictor.predict(times[number] + 0.12).position
@@ -414,8 +427,12 @@ def test_calm_after_a_storm_is_predicted_without_its_peak():
 @cache
 def wind(rise, share):
     """Return the sway of a gondola at rest when a wind rises from 20 s on within a time [s]."""
-    rates, strength = np.array((0.563, 1.153, 0.49)), np.array((0.03, 0.015, 0.008))
-    step, position, velocity, positions = 0.005, np.zeros(3), np.zeros(3), []
+    rates = np.array((0.563, 1.153, 0.49))
+    strength = np.array((0.03, 0.015, 0.008))
+    step = 0.005
+    position = np.zeros(3)
+    velocity = np.zeros(3)
+    positions = []
     for number in range(round(10.5 / step)):
         done = min(number * step / rise, 1.0)
         push = share * strength * done**2 * (3.0 - 2.0 * done)
@@ -430,9 +447,11 @@ def wind(rise, share):
 @pytest.mark.parametrize('share', [0.5, 1.0])
 @pytest.mark.parametrize('rise', [1.0, 3.0, 6.0])
 def test_wind_that_begins_is_not_a_step(rise, share):
-    motion, steps = wind(rise, share), 0
+    motion = wind(rise, share)
+    steps = 0
     for seed in range(6):
-        predictor, random = DisturbancePredictor(), np.random.default_rng(seed)
+        predictor = DisturbancePredictor()
+        random = np.random.default_rng(seed)
         for number in range(1500):
             values = motion(0.02 * number) + NOISE * random.standard_normal(3)
             steps += predictor.update(0.02 * number, Pose(*values.tolist()), VARIANCES)
@@ -453,10 +472,8 @@ def test_axis_found_after_13_s_is_not_exaggerated(deviation, settling, left, beg
         published=lambda time: deviation if begin <= time < end else 3e-4,
         spoil=lambda time, values, _: BREEZE(begin) if begin <= time < end else values,
     )
-    jump, errors = (
-        np.abs(BREEZE(end) - BREEZE(begin)),
-        np.abs(found.errors[round(50.0 * end) :]),
-    )
+    jump = np.abs(BREEZE(end) - BREEZE(begin))
+    errors = np.abs(found.errors[round(50.0 * end) :])
     assert (errors < 1.5 * jump + 0.012).all()
     assert (errors[round(50.0 * settling) :] < left).all()
 

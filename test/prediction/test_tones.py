@@ -15,7 +15,8 @@ NOISE = 1e-3
 
 def fitted(motion, seconds, noise=NOISE, seed=0, stamps=None):
     """Return tones of one axis, fitted twice a second, and the last stamp."""
-    random, tones = np.random.default_rng(seed), Tones(1)
+    random = np.random.default_rng(seed)
+    tones = Tones(1)
     stamps = np.arange(0.0, seconds, 0.02) if stamps is None else stamps
     for k, stamp in enumerate(stamps):
         tones.add(stamp, motion(stamp) + noise * random.standard_normal(1))

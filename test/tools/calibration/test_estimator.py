@@ -23,8 +23,11 @@ from facade_manipulator.tools.calibration.estimator import (
 
 pytestmark = pytest.mark.long
 
-GEOMETRY, PRESENT = Geometry(), EstimateSettings()
-MOUNTING, DELAY, LATE = Pose(0.5, 0.3, math.radians(0.5)), 0.02, 0.03
+GEOMETRY = Geometry()
+PRESENT = EstimateSettings()
+MOUNTING = Pose(0.5, 0.3, math.radians(0.5))
+DELAY = 0.02
+LATE = 0.03
 LIMITS = np.array([8e-3, 8e-3, math.radians(0.1), 4e-3])
 INSTRUMENT = Pose(3.0, -1.0, 0.1)
 TIMES = np.arange(0.0, 60.0, 0.02) + 1.8e9  # s since 1970
@@ -49,7 +52,8 @@ def standing(_):
 @cache
 def measured(yaw, head, axes):
     """Return the poses of the estimator, the carriages and the poses of the instrument."""
-    solve, passed = Mechanism(GEOMETRY).inverse_kinematics, (TIMES - TIMES[0]).tolist()
+    solve = Mechanism(GEOMETRY).inverse_kinematics
+    passed = (TIMES - TIMES[0]).tolist()
     return (
         np.array(
             [published_motion(sway(time, yaw), MOUNTING, axes) for time in passed]

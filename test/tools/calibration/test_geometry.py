@@ -43,7 +43,8 @@ def foreign_head(errors, carriages):
     a1, a2, a3 = (np.asarray(carriages) + offsets) * along
 
     def points(y, theta):
-        platform, direction = a3 + 1j * y * along, np.exp(1j * (theta + angle))
+        platform = a3 + 1j * y * along
+        direction = np.exp(1j * (theta + angle))
         return platform, direction
 
     def misses(unknown):
@@ -69,7 +70,8 @@ def foreign_heads(errors, carriages):
 
 
 def measured(errors, seed, carriages=POSES, noise=NOISE):
-    heads, random = foreign_heads(errors, carriages), np.random.default_rng(seed)
+    heads = foreign_heads(errors, carriages)
+    random = np.random.default_rng(seed)
     return Measurements(carriages, heads + noise * random.standard_normal(heads.shape))
 
 
@@ -92,7 +94,8 @@ def rms(differences):
 
 
 def test_foreign_machine_with_two_wrong_rows_is_calibrated():
-    ratios, before = [], []
+    ratios = []
+    before = []
     for seed in range(6):
         random = np.random.default_rng(seed)
         errors = DEVIATIONS * random.standard_normal(11)
@@ -125,7 +128,8 @@ def test_frame_of_the_instrument_is_found():
     random = np.random.default_rng(3)
     errors = DEVIATIONS * random.standard_normal(11)
     errors[[6, 7]] = 0.0  # frame rail as defined by q3 and the line of the joints
-    rows, frame = measured(errors, random), (2.0, -1.0, 0.3)
+    rows = measured(errors, random)
+    frame = (2.0, -1.0, 0.3)
     rows.heads[:] = [compose(Pose(*frame), Pose(*head)) for head in rows.heads]
     found = fit_geometry(DRAWING, rows, NOISE, has_frame=True)
     assert np.array(found.frame) == pytest.approx(frame, abs=5e-3)

@@ -10,7 +10,8 @@ from facade_manipulator.resources import config_path
 pytestmark = pytest.mark.long
 
 EDS = config_path('drives/cia402.eds')
-RAMP, SPEED = (0x6084, 0), (0x6083, 0)
+RAMP = (0x6084, 0)
+SPEED = (0x6083, 0)
 BACKUP = 'machine.q1.dcf'
 
 
@@ -137,7 +138,8 @@ def test_powered_drive_is_rejected_and_keeps_its_power(rig, rejected, words):
     assert rig.is_powered
 
 
-ABORTED, INTERRUPTED = raising(SdoAbortedError(0x06090030)), raising(KeyboardInterrupt)
+ABORTED = raising(SdoAbortedError(0x06090030))
+INTERRUPTED = raising(KeyboardInterrupt)
 
 
 @pytest.mark.parametrize(

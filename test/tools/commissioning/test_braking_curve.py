@@ -7,13 +7,18 @@ import pytest
 
 from facade_manipulator.tools.commissioning.braking_curve import fit_deceleration
 
-STEADY, PERIOD, STEP = 5, 0.01, 1e-4
+STEADY = 5
+PERIOD = 0.01
+STEP = 1e-4
 
 
 def stop(speed, deceleration, delay, lag, noise=0.0):
     """Return times [s] and positions [m] of a stop, integrated in steps of 0.1 ms."""
-    demand, position, demanded_speed = speed * lag, 0.0, speed
-    times, positions = [], []
+    demand = speed * lag
+    position = 0.0
+    demanded_speed = speed
+    times = []
+    positions = []
     for number in range(-400, 12_000):
         time = number * STEP
         if number % round(PERIOD / STEP) == 0:

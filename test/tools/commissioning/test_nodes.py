@@ -14,7 +14,8 @@ from facade_manipulator.tools.commissioning.tool_bus import ToolBus
 pytestmark = pytest.mark.long
 
 ASSIGN = ('assign', '--serials', '4713', '4711', '4712')
-DRIVE, IO_MODULE = 0x20192, 0x191
+DRIVE = 0x20192
+IO_MODULE = 0x191
 
 
 def test_scan_lists_drives_and_profiles(rig, capsys):
@@ -113,7 +114,8 @@ def test_new_drives_that_answer_late_get_their_node_ids(make_rig, latencies):
 def test_interrupted_tool_reads_the_answers_that_wait(make_rig, monkeypatch):
     rig = make_rig('--new')
     delay_lss(rig, (0.03, 0.03, 0.03))
-    receive, count = FakeBus.receive, itertools.count()
+    receive = FakeBus.receive
+    count = itertools.count()
 
     def interrupted(bus, timeout):
         frame = receive(bus, timeout)
@@ -145,7 +147,8 @@ class Wire(durand.network.NetworkABC):
     """Network of a slave of the canopen library, in the simulated time of the rig."""
 
     def __init__(self) -> None:
-        self.callbacks, self.sent = {}, []
+        self.callbacks = {}
+        self.sent = []
 
     def add_subscription(self, cob_id: int, callback) -> None:
         self.callbacks[cob_id] = callback
@@ -159,7 +162,8 @@ class Wire(durand.network.NetworkABC):
     def receive(self, cob_id: int, data: bytes) -> list[tuple[int, bytes]]:
         if cob_id in self.callbacks:
             self.callbacks[cob_id](cob_id, data)
-        sent, self.sent = self.sent, []
+        sent = self.sent
+        self.sent = []
         return sent
 
 
@@ -167,7 +171,8 @@ class ForeignSlave(durand.MinimalNode):
     """Slave that supports only fastscan, and uses a new node id only after a reset."""
 
     def __init__(self, serial: int, kind: int, keeps: bool = True) -> None:
-        self.stored, self.keeps = 1, keeps
+        self.stored = 1
+        self.keeps = keeps
         super().__init__(Wire(), self.stored)
         for index, subindex, value in (
             (0x1000, 0, kind),

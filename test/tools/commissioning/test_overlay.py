@@ -34,7 +34,8 @@ def test_parameter_file_before_the_command_is_used(tmp_path, capsys):
     ],
 )
 def test_overlay_overrides_the_user_file(tmp_path, text):
-    own, target = tmp_path / 'own.yaml', tmp_path / 'elsewhere.yaml'
+    own = tmp_path / 'own.yaml'
+    target = tmp_path / 'elsewhere.yaml'
     target.write_bytes(text)
     own.symlink_to(target)
     overlay = Overlay(tmp_path / 'machine.yaml')
