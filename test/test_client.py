@@ -246,15 +246,16 @@ def test_lost_request_is_repeated_only_if_harmless(client, machine, monkeypatch)
 
 
 def test_request_waits_while_the_driver_works(client, machine, unanswered):
-    answer, end = unanswered(topics.HOME), time.monotonic() + 1.0
+    answer = unanswered(topics.HALT)
+    end = time.monotonic() + 1.0
 
     def work() -> None:
         machine.report('homing')
         if time.monotonic() > end and not answer.done():
-            answer.set_result(Trigger.Response(success=True, message='homed'))
+            answer.set_result(Trigger.Response(success=True, message='halted'))
 
     machine.act = work
-    assert client._trigger(topics.HOME) == 'homed'
+    assert client.halt() == 'halted'
 
 
 @pytest.mark.parametrize('state', ['inactive', 'homing'])

@@ -80,10 +80,8 @@ def test_estimates_in_gusts_are_as_accurate_as_published():
             assert channel.counts.keys() == {'used'} and 0.5 < channel.square < 1.5
         errors, deviations = run.errors(SETTLED)
         shares.append((np.abs(errors) < 2.0 * deviations).mean(axis=0))
-        (x, y, yaw), (vx, vy, yaw_rate) = (
-            np.transpose([getattr(motion, name) for motion in run.motions])
-            for name in ('pose', 'twist')
-        )
+        x, y, yaw = np.transpose([motion.pose for motion in run.motions])
+        vx, vy, yaw_rate = np.transpose([motion.twist for motion in run.motions])
         steps = np.diff([motion.stamp for motion in run.motions])
         for pose, rate in (
             (x + 1j * y, np.exp(1j * yaw) * (vx + 1j * vy)),
