@@ -44,9 +44,9 @@ def machine_files(given: Sequence[Path] = ()) -> list[Path]:
     """
     Return the parameter files of a machine; later files override earlier files.
 
-    Without given files, the first is `MACHINE_FILE`, or the file of the package while none
-    exists. An `OVERLAY` in the folder of the first file, or in the working directory for the file
-    of the package, follows the first file unless it is given.
+    Without given files, the first is `MACHINE_FILE` of the working directory, or that of the
+    package while none exists. An `OVERLAY` in the folder of the first given file, or else in the
+    working directory, follows the first file unless it is given.
     """
     first, *others = given or [MACHINE_FILE]
     overlay = first.with_name(OVERLAY)

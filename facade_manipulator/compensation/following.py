@@ -41,10 +41,10 @@ class Following:
 
     def add_head(self, stamp: float, head: Pose) -> None:
         """
-        Compare the measured pose of the head at a stamp [s] with the published path.
+        Compare the measured pose of the head at a stamp [s, monotonic] with the published path.
 
-        Raises an InputError if the pose is not newer than the previous pose, unless the clock was
-        set back.
+        Without a path the head follows it. Raises an InputError if the pose is not newer than the
+        previous pose, but at most `KEPT_TIME` older: more means that the clock was set back.
         """
         if self._head is not None and 0.0 <= self._head[0] - stamp <= KEPT_TIME:
             raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)

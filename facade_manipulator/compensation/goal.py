@@ -220,7 +220,7 @@ class GoalTracker:
             self._enter(GoalState.ENDED, reason)
 
     def update(self, now: float) -> None:
-        """Publish a change at once, and the distance to the goal every `GOAL_PERIOD`."""
+        """Publish a change at once, and the distance every `GOAL_PERIOD` until it is reached."""
         if not self.is_followed:
             return
         remaining = self._remaining(now)

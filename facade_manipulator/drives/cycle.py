@@ -6,8 +6,8 @@ One cycle, with times as shares of the period after its SYNC:
     time   SYNC of the kernel                    SYNC of the loop
     0.0    SYNC: the drives latch the targets of the previous cycle, and answer
     ...    the last answer makes the step due
-    0.7    the step is due without the others    the same, if the first answer came by 0.4;
-                                                 else 0.3 after the first answer
+    0.7    the step is due, also if no drive     the step is due if the first answer came by
+           has answered                          0.4; else 0.3 after the first answer
     3.0                                          the step is due without any answer
     ...    step: supervise, choose targets, send the commands
     0.8    later targets are withdrawn, other    later commands delay the next SYNC
@@ -17,14 +17,16 @@ One cycle, with times as shares of the period after its SYNC:
     1.5    SYNC is overdue: the loop sends one
 
 While received frames are not read yet, 0.7 becomes 0.8 and 1.5 becomes 2.5 with the kernel's SYNC;
-the step of the loop waits for up to a period more.
+the step of the loop waits while it reads frames from before its due time, for at most a period. A
+SYNC less than 0.5 after the last, such as the kernel's after an overdue one, begins no cycle.
 
-A cycle is *late* if its commands are chosen after 0.8. The kernel does not wait: late targets
-would reach the drives after the next SYNC, and the drives would latch a double step one period
-later. They are withdrawn. The loop waits: it sends late commands, and its SYNC after them. The
-drives *hold* their last target beyond a period while targets are withdrawn or a SYNC is late. A
-period is *skipped* if it passes without a SYNC: the kernel's is overdue, or the loop is late by a
-whole period. A cycle is *incomplete* if its step begins without the answers of all drives.
+A cycle is *late* if its step begins, or its commands are chosen, after 0.8. The kernel does not
+wait: late targets would reach the drives after the next SYNC, and the drives would latch a double
+step one period later. They are withdrawn. The loop waits: it sends late commands, and its SYNC
+after them. The drives *hold* their last target beyond a period while targets are withdrawn or a
+SYNC is late. A period is *skipped* if it passes without a SYNC: the kernel's is overdue, or the
+loop is late by a whole period. A cycle is *incomplete* if its step begins without the answers of
+all drives.
 
 The kernel sends SYNC where the bus offers its broadcast manager, whose period does not depend on
 the loop. SYNCs of another master in between are found by counting. An interface does not return
@@ -82,7 +84,7 @@ class KernelSync:
         return self.next_sync(now)
 
     def next_sync(self, now: float) -> float:
-        """Return when the next SYNC is overdue [s]; it does not wait for commands until now."""
+        """Return when the next SYNC is overdue [s]; it waits for no commands."""
         return self._newest + SYNC_OVERDUE * self._period
 
     def is_unexpected(self, time: float) -> bool:
@@ -182,7 +184,7 @@ class LoopSync:
         return now
 
     def next_sync(self, now: float) -> float:
-        """Return when the next SYNC is due [s]; the drives first receive commands until now."""
+        """Return when the next SYNC is due [s], at least `MIN_GAP` after commands of now."""
         self._next_sync = max(self._next_sync, now + MIN_GAP * self._period)
         return self._next_sync
 
@@ -191,7 +193,7 @@ class LoopSync:
         return True
 
     def begin(self, time: float, is_received: bool) -> int:
-        """Begin a cycle; the next keeps the phase, and is at least 0.8 of a period long."""
+        """Begin a cycle; plan the next SYNC a period later, and at least 0.8 after this SYNC."""
         skipped = 0
         if self._newest is not None:
             periods = (time - self._newest) / self._period
@@ -203,7 +205,7 @@ class LoopSync:
         return skipped
 
     def step_due(self, sync_time: float, first_answer: float | None) -> float:
-        """Return a late time without any answer [s]: then this computer is late."""
+        """Return when no answer is awaited any longer [s]: late without any, as the loop is."""
         if first_answer is None:
             return sync_time + FIRST_ANSWER_DUE * self._period
         due = sync_time + ANSWERS_DUE * self._period
@@ -246,7 +248,7 @@ class CycleCounter:
     def __init__(self, period: float) -> None:
         self.statistics = CycleStatistics()
         self.late_in_a_row = 0  #: late cycles with the kernel's SYNC
-        #: time beyond a period for which the drives had held their target before this step [s]
+        #: time beyond a period for which the drives had held their target [s], whole periods
         self.held = 0.0
         self._period = period
         self._is_late = False  # whether the present cycle is counted as late
@@ -317,7 +319,7 @@ class CycleClock:
         if has_kernel_sync:
             self.sender = KernelSync(period)
         self.counter = CycleCounter(period)
-        self.is_open = False  #: whether the step of the newest SYNC is still due
+        self.is_open = False  #: whether the step of the newest SYNC has not begun
         self.next_event = math.inf  #: time of the step or of the next SYNC [s]
         #: time of the newest SYNC on the monotonic clock, and on the system clock [s]
         self.sync_time = 0.0
@@ -366,7 +368,7 @@ class CycleClock:
         self.is_open = True
 
     def _smoothed(self, time: float) -> float:
-        """Return the time of a SYNC without its jitter [s]; a SYNC far from its time counts."""
+        """Return the time of a SYNC without its jitter [s]; a SYNC far from it sets a new time."""
         if math.isinf(self.smooth_time):
             return time
         periods = round((time - self.smooth_time) / self.period)

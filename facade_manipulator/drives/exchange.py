@@ -193,7 +193,7 @@ class CyclicExchange:
         """Note the due step or send the due SYNC, unless more frames must be read first."""
         clock = self.clock
         if self._waits_for_sync:
-            self._send_commands()
+            self._send_commands(now)
         if now < clock.next_event:
             return
         if frame is not None and clock.may_wait(now, frame.time):
@@ -231,7 +231,7 @@ class CyclicExchange:
             self._command_targets(now)
         for axis in self.group.axes:
             if axis.name in self.group.not_responding - taken_out:
-                self.command('STOPPED', axis)  # it moves despite a quick stop
+                self.command('STOPPED', axis)  # it moves or keeps its power
 
     def _supervise(self, now: float) -> None:
         """Supervise the drives, their targets and the cycle; stop the group for a failure."""
@@ -283,21 +283,22 @@ class CyclicExchange:
     def _command_targets(self, now: float) -> None:
         """Choose the targets and send the commands; withdraw targets that are too late."""
         self._targets.command(self.clock, now)
-        may_send = self.clock.finish_commands(self._time.monotonic())
+        chosen = self._time.monotonic()
+        may_send = self.clock.finish_commands(chosen)
         if may_send or not self.group.follows:
-            self._send_commands()
+            self._send_commands(chosen)
         else:
             self._targets.withdraw()
 
-    def _send_commands(self) -> None:
+    def _send_commands(self, now: float) -> None:
         """
         Send the commands of all drives between the same two SYNCs; a restarted drive gets none.
 
-        Just before the kernel's SYNC the commands wait for it, and `_advance` tries again.
+        Shortly before the time of the kernel's SYNC the commands wait, and `_advance` tries again.
         Otherwise one drive might latch its command a period before the others. Only commands of
         drives that follow no targets wait: late targets are withdrawn.
         """
-        self._waits_for_sync = not self.clock.has_time(self._time.monotonic())
+        self._waits_for_sync = not self.clock.has_time(now)
         if self._waits_for_sync:
             return
         frames: list[tuple[int, bytes]] = []
@@ -318,7 +319,7 @@ class CyclicExchange:
         if self.has_started:
             self.group.stop(cause, self._time.monotonic())
             if before is not GroupState.STOPPED:
-                self._send_commands()
+                self._send_commands(self._time.monotonic())
 
     def command(self, name: str, axis: Axis) -> None:
         """Send a network management command to a drive, as soon as the send queue has room."""

@@ -59,7 +59,7 @@ class Group:
     causes : tuple of Cause
         Causes of the stop, the first cause first.
     not_responding : set of str
-        Axes that did not respond to a quick stop.
+        Axes that obeyed neither a quick stop nor the command that cuts the power.
 
     """
 
@@ -142,7 +142,7 @@ class Group:
         self._begin(plans.DISABLE, now)
 
     def halt(self, now: float) -> bool:
-        """Begin the steps of `plans.halt_plan`; return whether carriages must come to rest."""
+        """Begin `plans.halt_plan`; return whether carriages come to rest, except by a stop."""
         plan = plans.halt_plan(self._plan[0], self.is_confirmed)
         if plan is not None:
             self._begin(plan, now)
@@ -312,6 +312,11 @@ class Group:
         return drive.disobedience if is_following else ''
 
     def _fail(self, name: str, failure: str, now: float) -> None:
+        """
+        Stop all axes for a drive that fails, or cut the power if it does not obey the stop.
+
+        Of drives that fail in one cycle, the first is the cause.
+        """
         if self.state is not GroupState.STOPPED:
             self.stop(Cause(failure, axis=name, is_vague=True), now)
         elif name not in self.not_responding and (

@@ -122,12 +122,14 @@ def halt(controller: DriveController) -> Steps[str]:
     """Come to rest on the path and hold; a homing or an activation is cancelled."""
     group = controller.group
     before = group.state
+    running = controller.running
+    is_homing = running is not None and running.name == 'home'
     if not group.halt(controller.now):
-        return 'No carriage moves.'
+        return 'There is nothing to halt.'
     yield from until(controller, GroupState.HALTED, GroupState.INACTIVE)
     if group.state is GroupState.HALTED:
         return 'The carriages are at rest and hold their positions.'
-    if before is GroupState.HOMING:
+    if is_homing:  # also at its end, while the power goes off
         return 'Homing is cancelled.'
     if before is GroupState.DEACTIVATING:  # by an earlier halt
         return 'The carriages are at rest.'

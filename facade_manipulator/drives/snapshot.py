@@ -114,7 +114,7 @@ class CycleStatistics:
         0  #: cycles in which a drive's answer had not come before the step
     )
     #: cycles whose commands came later than `cycle.COMMANDS_DUE`; when the kernel sends SYNC they
-    #: were not sent, and the drives held one point
+    #: targets were not sent, and the drives held one point
     late: int = 0
     skipped: int = 0  #: periods that passed without a SYNC
     worst: float = 0.0  #: longest time from SYNC to the step [s]

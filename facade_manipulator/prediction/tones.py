@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Minimum time of the estimates that are averaged [s]: below π/FASTEST, and not a multiple of usual
-# intervals, so that rounding does not change their number.
+# Maximum time from the first to the last of the estimates that are averaged [s]: below π/FASTEST,
+# and not a multiple of usual intervals, so that rounding does not change their number.
 BLOCK = 0.142
 BLOCKS = 400  # maximum number in the window of the fit
 SHORTEST = 3.0  # s, minimum length of the window
@@ -65,7 +65,7 @@ class Tones:
         self._amplitudes = np.zeros((axes, MOST_TONES), complex)
 
     def add(self, stamp: float, values: np.ndarray) -> None:
-        """Add an estimate at a stamp [s]: one position for each axis [m or rad]."""
+        """Add a decided position of each axis [m or rad] at a stamp [s]; stamps ascend."""
         if stamp - self._first > BLOCK:
             number = self._sum[-1]
             mean = np.append(self._sum[:-1] / number, number)
