@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.drives.axis_settings import AxisSettings, DEFAULT_AXES
+from facade_manipulator.drives.group_state import GroupState
 from facade_manipulator.drives.homing import Homing, SETTLING_CYCLES, STEADY_TIME
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import ControllerState
@@ -266,4 +267,14 @@ def test_push_after_a_cancelled_homing_stops_nothing(make_rig):
     slip(rig.drives[0])
     rig.run(0.1)
     assert rig.state is ControllerState.INACTIVE
+    assert rig.snapshot.unhomed == ('q1', 'q2', 'q3')
+
+
+def test_halt_at_the_end_of_homing_says_that_it_is_cancelled(rig):
+    rig.request('configure')
+    job = rig.ask('home')
+    rig.until(lambda: rig.controller.group.state is GroupState.DEACTIVATING, 30.0)
+    assert 'Homing is cancelled' in rig.request('halt')
+    with pytest.raises(DriveStateError, match='cancelled by halt'):
+        rig.finish(job)
     assert rig.snapshot.unhomed == ('q1', 'q2', 'q3')
