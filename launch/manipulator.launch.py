@@ -2,8 +2,9 @@
 Launch one manipulator: driver, and compensator with ik_service in one process.
 
 The driver configures itself at its start; only an operator's request powers the drives on. With
-`use_mock_hardware` the drives and the gondola are simulated. Robot_state_publisher is started if
-it is installed. With `record` the topics are recorded as record.launch.py describes.
+`use_mock_hardware` the drives and the gondola are simulated; `scenario` and `viewer` choose the
+simulated world. Robot_state_publisher is started if it is installed. With `record` the topics are
+recorded as record.launch.py describes.
 
 The end of one node ends all nodes; launch then has exit status 1 unless the exit status of that
 node was 0, or Ctrl-C ended it. In any order, the driver brings the carriages to rest, powers
@@ -11,6 +12,7 @@ off and closes the bus. The end of estimator, robot_state_publisher or recorder 
 other node.
 """
 
+import json
 from pathlib import Path
 import signal
 
@@ -28,6 +30,7 @@ from launch.conditions import IfCondition
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -38,6 +41,10 @@ from facade_manipulator.kinematics import Geometry, urdf
 from facade_manipulator.nodes.messages import Frames
 from facade_manipulator.parameters import ParameterSource, read_parameters
 from facade_manipulator.resources import machine_files
+from facade_manipulator.simulation.world.scenario import (
+    load_scenario,
+    simulation_parameters,
+)
 from facade_manipulator.timeouts import DRIVER_TIMEOUT
 
 PACKAGE = 'facade_manipulator'
@@ -48,8 +55,12 @@ ORDERLY_ENDS = (0, INTERRUPTED, -signal.SIGINT)
 RESPAWN = {'respawn': True, 'respawn_delay': 2.0}  # s
 
 
+def _is_true(context, argument: str) -> bool:
+    return IfCondition(LaunchConfiguration(argument)).evaluate(context)
+
+
 def _is_mock(context) -> bool:
-    return IfCondition(LaunchConfiguration('use_mock_hardware')).evaluate(context)
+    return _is_true(context, 'use_mock_hardware')
 
 
 def _namespace(context) -> str:
@@ -67,6 +78,34 @@ def _parameter_files(context) -> list[str]:
     return [*files, str(config_path('simulation.yaml'))] if _is_mock(context) else files
 
 
+def _simulation_file(context, scenario: str) -> list[str]:
+    """Return the parameter file of `scenario` and `viewer`, or no file if neither is set."""
+    viewer = _is_true(context, 'viewer')
+    given = [f'scenario:={scenario}'] if scenario else []
+    if viewer:
+        given.append('viewer:=true')
+    if not given:
+        return []
+
+    if not _is_mock(context):
+        raise RuntimeError(
+            f'{given[0]} rejected: only the simulated gondola uses it, and use_mock_hardware is '
+            f'false; next: add use_mock_hardware:=true, or remove {" and ".join(given)}'
+        )
+
+    content = simulation_parameters(scenario, viewer=viewer)
+    file = Path(launch_config.log_dir, 'simulation.yaml')  # a folder of this launch
+    file.write_text(json.dumps(content))
+    return [str(file)]
+
+
+def _needs_estimator(context, scenario: str) -> bool:
+    """Return whether the disturbance must be estimated from raw sensors."""
+    if _is_true(context, 'estimator'):
+        return True
+    return bool(scenario) and load_scenario(scenario).raw_sensors
+
+
 def _common(context, name: str) -> dict:
     """Return the arguments that the nodes share; config/sros2_policy.xml defines the enclave."""
     namespace = _namespace(context)
@@ -81,7 +120,8 @@ def _common(context, name: str) -> dict:
 
 def _manipulator(context) -> list:
     """Return the package's nodes; `can_interface` overrides the driver's parameter files."""
-    files = _parameter_files(context)
+    scenario = LaunchConfiguration('scenario').perform(context)
+    files = [*_parameter_files(context), *_simulation_file(context, scenario)]
     channel = LaunchConfiguration('can_interface').perform(context)
     # A transition requested by launch would race with Ctrl-C: launch_ros uses its node while it
     # destroys the node.
@@ -111,16 +151,19 @@ def _manipulator(context) -> list:
             for name in others
         ),
     ]
+    events = [_end_with(node) for node in nodes]
+    if not _needs_estimator(context, scenario):
+        return [*events, *nodes]
+
     estimator = Node(  # without the estimator the correction fades out
         package=PACKAGE,
         executable='disturbance_estimator',
         name='disturbance_estimator',
         parameters=files,
-        condition=IfCondition(LaunchConfiguration('estimator')),
         **RESPAWN,
         **_common(context, 'disturbance_estimator'),
     )
-    return [*(_end_with(node) for node in nodes), *nodes, estimator]
+    return [*events, *nodes, estimator]
 
 
 def _end_with(node: Node) -> RegisterEventHandler:
@@ -174,6 +217,14 @@ def generate_launch_description() -> LaunchDescription:
     """Return the description of the manipulator's nodes and arguments."""
     arguments = (
         ('use_mock_hardware', 'false', 'simulate the drives and the gondola', BOOLEAN),
+        (
+            'scenario',
+            '',
+            'scenario of the simulated gondola: a name in config/scenarios, or a file; empty '
+            "takes the parameter file's",
+            None,
+        ),
+        ('viewer', 'false', "show the simulated gondola in MuJoCo's viewer", BOOLEAN),
         (
             'estimator',
             'false',

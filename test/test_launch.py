@@ -12,6 +12,8 @@ from ament_index_python.packages import get_packages_with_prefixes
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import GetState
 import pytest
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
 from support import DEADLINE, wait_until
 import yaml
 
@@ -26,6 +28,7 @@ pytest.importorskip(
 
 PACKAGE = 'facade_manipulator'
 NODES = ('driver', 'manipulator', 'gondola_simulator')
+ESTIMATOR = 'disturbance_estimator'
 LINK_TRANSFORMS = 'robot_state_publisher'
 EXECUTABLES = {*NODES, LINK_TRANSFORMS}
 OPTIONAL = (LINK_TRANSFORMS, 'ros2bag', 'rosbag2_storage_mcap')
@@ -64,7 +67,7 @@ class Launch:
                 f'from {PACKAGE}.executables import {name}\n'
                 f'raise SystemExit({name}())\n'
             )
-            for name in NODES
+            for name in (*NODES, ESTIMATOR)
         }
         others = (f'lib/{LINK_TRANSFORMS}/{LINK_TRANSFORMS}', 'bin/ros2')
         for name, code in {**scripts, **dict.fromkeys(others, STAND_IN)}.items():
@@ -172,6 +175,37 @@ def test_launch_itself_joins_no_ros_graph(launch, ros):
     assert {*operator.get_node_names()} == expected
 
 
+def values_of(ros, node, *names):
+    """Return the values of a running node's parameters."""
+    request = GetParameters.Request(names=names)
+    reply = ros.call(
+        ros.node('reader'), GetParameters, f'{node}/get_parameters', request
+    )
+    return [parameter_value_to_python(value) for value in reply.values]
+
+
+def test_scenario_sets_simulator_and_contact(launch, ros):
+    process = launch('use_mock_hardware:=true', 'scenario:=pressing')
+    until_logged(process, 'are configured')
+    assert values_of(ros, 'gondola_simulator', 'scenario') == ['pressing']
+    contact = values_of(ros, 'compensator', 'contact.enabled', 'contact.force')
+    assert contact == [True, 30.0]
+    assert ESTIMATOR not in pids_of(process)
+
+
+def test_scenario_with_raw_sensors_starts_the_estimator(launch):
+    process = launch('use_mock_hardware:=true', 'scenario:=sensors')
+    until_started(process, ESTIMATOR)
+
+
+def test_viewer_without_display_is_rejected_with_the_reason(launch, monkeypatch):
+    for name in ('DISPLAY', 'WAYLAND_DISPLAY'):
+        monkeypatch.delenv(name, raising=False)
+    process = launch('use_mock_hardware:=true', 'viewer:=true')
+    assert process.wait(DEADLINE) == 1
+    assert 'viewer rejected: this computer has no display' in process.log.read_text()
+
+
 @pytest.mark.parametrize('victim', ['manipulator', 'driver'])
 def test_death_of_one_node_ends_all_nodes(launch, ros, victim):
     process = launch('use_mock_hardware:=true', 'namespace:=gondola_1')
@@ -276,17 +310,23 @@ def test_recorder_without_its_package_ends_with_status_1(launch, package):
 
 
 @pytest.mark.parametrize(
-    'argument, message',
+    'arguments, message',
     [
         ('config:=nowhere.yaml', 'config rejected: nowhere.yaml is not a file'),
         ('log_level:=loud', "'debug', 'info', 'warn', 'error'"),
         ('use_mock_hardware:=perhaps', "'true', 'false'"),
+        (
+            'scenario:=pressing',
+            'scenario:=pressing rejected: only the simulated gondola',
+        ),
+        ('viewer:=true', 'viewer:=true rejected: only the simulated gondola'),
+        ('use_mock_hardware:=true scenario:=gale', 'scenario gale rejected'),
     ],
 )
 def test_wrong_launch_argument_is_reported_and_starts_nothing(
-    launch, argument, message
+    launch, arguments, message
 ):
-    process = launch(argument)
+    process = launch(*arguments.split())
     assert process.wait(DEADLINE) != 0
     log = process.log.read_text()
     assert message in log and 'process started' not in log

@@ -36,7 +36,10 @@ from facade_manipulator.nodes.run import handle_signals, initialise
 from facade_manipulator.nodes.workarounds import take_waiting
 from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.demo import report
-from facade_manipulator.simulation.world.scenario import load_scenario
+from facade_manipulator.simulation.world.scenario import (
+    load_scenario,
+    simulation_parameters,
+)
 from facade_manipulator.timeouts import DRIVER_TIMEOUT
 
 NAMESPACE = 'demo'
@@ -155,11 +158,9 @@ class Demo:
 
     def write_parameters(self) -> Path:
         """Return the parameter file of the scenario, because `-p` overrules no file."""
-        world = {'scenario': self.options.scenario, 'viewer': self.options.viewer}
-        content = {
-            '/**/compensator': {'ros__parameters': self.scenario.compensator},
-            '/**/gondola_simulator': {'ros__parameters': world},
-        }
+        content = simulation_parameters(
+            self.options.scenario, viewer=self.options.viewer
+        )
         path = self.output / 'scenario.yaml'
         path.write_text(json.dumps(content))
         return path

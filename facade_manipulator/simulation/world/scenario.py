@@ -159,6 +159,28 @@ class Scenario:
     compensator: dict[str, Any] = field(default_factory=dict)
 
 
+def simulation_parameters(
+    scenario: str = '', *, viewer: bool = False
+) -> dict[str, Any]:
+    """
+    Return the content of a parameter file that selects a scenario and MuJoCo's viewer.
+
+    Load it after the other files. The option ``-p`` of ROS would not override manipulator.yaml.
+    Without a name the scenario of the other files remains. Raises the errors of `load_scenario`.
+    """
+    simulator: dict[str, Any] = {}
+    compensator: dict[str, Any] = {}
+    if viewer:
+        simulator['viewer'] = True
+    if scenario:
+        simulator['scenario'] = scenario
+        compensator = load_scenario(scenario).compensator
+    return {
+        '/**/compensator': {'ros__parameters': compensator},
+        '/**/gondola_simulator': {'ros__parameters': simulator},
+    }
+
+
 def scenario_names() -> list[str]:
     """Return the names of the scenarios of the package."""
     return sorted(path.stem for path in config_path('scenarios').glob('*.yaml'))

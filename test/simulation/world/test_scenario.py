@@ -1,10 +1,17 @@
 """Scenario files, read or rejected with a reason."""
 
+import json
+
 import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.simulation.world.scenario import load_scenario
+from facade_manipulator.parameters import read_parameters
+from facade_manipulator.resources import config_path
+from facade_manipulator.simulation.world.scenario import (
+    load_scenario,
+    simulation_parameters,
+)
 
 
 def write(path, text):
@@ -49,3 +56,19 @@ def test_goals_of_a_mission_are_repeated():
     mission = load_scenario('pressing').mission
     assert mission.goal(0.0) == mission.goal(14.0) == Pose(-0.1, 0.22, 0.0)
     assert mission.goal(7.0) == Pose(0.1, 0.22, 0.0)
+
+
+def test_parameters_of_a_scenario_override_other_files(tmp_path):
+    file = tmp_path / 'simulation.yaml'
+    file.write_text(json.dumps(simulation_parameters('pressing', viewer=True)))
+    files = [config_path('manipulator.yaml'), config_path('simulation.yaml'), file]
+    contact = read_parameters(files, 'compensator')
+    assert contact['contact.enabled'] and contact['contact.force'] == 30.0
+    simulator = read_parameters(files, 'gondola_simulator')
+    assert simulator['scenario'] == 'pressing' and simulator['viewer']
+
+
+def test_viewer_alone_keeps_the_scenario_of_other_files():
+    sections = simulation_parameters(viewer=True)
+    assert sections['/**/gondola_simulator'] == {'ros__parameters': {'viewer': True}}
+    assert sections['/**/compensator'] == {'ros__parameters': {}}
