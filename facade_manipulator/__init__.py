@@ -1,3 +1,3 @@
 """Kinematics, compensation and drives of a 3-DOF parallel façade-cleaning manipulator."""
 
-from .resources import config_path as config_path
+from .package_files import config_path as config_path

@@ -35,7 +35,7 @@ from facade_manipulator.errors import attributed, ManipulatorError, NEXT
 from facade_manipulator.kinematics import Carriages, Pose
 from facade_manipulator.nodes.conversions import pose_stamped, ros_time
 from facade_manipulator.nodes.driver_status import SILENCE, SILENT
-from facade_manipulator.nodes.messages import (
+from facade_manipulator.nodes.planar_messages import (
     Frames,
     stamp_text,
     status_level,

@@ -15,7 +15,7 @@ import signal
 import sys
 from types import FrameType
 
-from facade_manipulator.commands import missing_package
+from facade_manipulator.command_line import missing_package
 
 CANNOT_START = 2  # exit status
 INTERRUPTED = 130  # exit status, as a shell reports Ctrl-C

@@ -38,9 +38,9 @@ from launch_ros.parameter_descriptions import ParameterValue
 from facade_manipulator import config_path, topics
 from facade_manipulator.executables import INTERRUPTED
 from facade_manipulator.kinematics import Geometry, urdf
-from facade_manipulator.nodes.messages import Frames
+from facade_manipulator.nodes.planar_messages import Frames
+from facade_manipulator.package_files import machine_files
 from facade_manipulator.parameters import ParameterSource, read_parameters
-from facade_manipulator.resources import machine_files
 from facade_manipulator.simulation.world.scenario import (
     load_scenario,
     simulation_parameters,

@@ -24,7 +24,7 @@ from facade_manipulator.client import (
 )
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.diagnostics import diagnostic_status
-from facade_manipulator.nodes.messages import planar_pose, stamp_text
+from facade_manipulator.nodes.planar_messages import planar_pose, stamp_text
 
 GOAL = Pose(0.05, 0.25, 0.0)
 

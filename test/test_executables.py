@@ -15,7 +15,7 @@ import pytest
 from support import DEADLINE
 
 from facade_manipulator import executables
-from facade_manipulator.commands import EXTRA_OF
+from facade_manipulator.command_line import EXTRA_OF
 from facade_manipulator.errors import file_sentence
 
 NODES = (

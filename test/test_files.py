@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from facade_manipulator.resources import atomic_write
+from facade_manipulator.package_files import atomic_write
 
 
 def test_interrupted_write_keeps_the_previous_file(tmp_path):

@@ -7,15 +7,16 @@ from pathlib import Path
 import facade_manipulator
 
 PACKAGE = Path(facade_manipulator.__file__).parent
-BASE = 'errors commands covariance parameters rejections resources timeouts'.split()
+BASE = 'command_line covariance errors package_files parameters rejections timeouts'.split()
 MATHEMATICS = 'kinematics estimation prediction motion compensation'
 MACHINE = (
-    f'{MATHEMATICS} canopen drives control_loop topics nodes nodes.messages config_path'
+    f'{MATHEMATICS} canopen drives control_loop topics nodes nodes.planar_messages '
+    'config_path'
 )
 LAYERS = {  # folder or module, and its permitted imports besides itself and BASE
     **dict.fromkeys(BASE, ''),
     'kinematics': '',
-    'nodes.messages': 'kinematics',
+    'nodes.planar_messages': 'kinematics',
     'estimation': 'kinematics',
     'prediction': 'kinematics',
     'motion': 'kinematics',

@@ -14,8 +14,8 @@ import setuptools
 from support import wait_until
 from test_layering import imported_names
 
-from facade_manipulator import resources
-from facade_manipulator.resources import config_path, PACKAGE
+from facade_manipulator import package_files
+from facade_manipulator.package_files import config_path, PACKAGE
 
 TOP = Path(__file__).resolve().parents[1]
 DISTRIBUTION_OF = {
@@ -286,7 +286,7 @@ def test_installed_package_finds_its_configuration(
     monkeypatch, tmp_path, prefixes, found
 ):
     monkeypatch.setattr(
-        resources, 'PACKAGE', tmp_path / 'site-packages/facade_manipulator'
+        package_files, 'PACKAGE', tmp_path / 'site-packages/facade_manipulator'
     )
     monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'venv'))
     monkeypatch.setenv('AMENT_PREFIX_PATH', prefixes.format(tmp_path))

@@ -7,7 +7,7 @@ import pytest
 
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.nodes.parameters import reject_unknown_parameters
+from facade_manipulator.nodes.node_parameters import reject_unknown_parameters
 from facade_manipulator.parameters import (
     from_mapping,
     parameter,

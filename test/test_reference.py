@@ -11,8 +11,8 @@ from typing import Any
 
 import rclpy
 
+from facade_manipulator.package_files import config_path
 from facade_manipulator.parameters import read_parameters
-from facade_manipulator.resources import config_path
 
 PAGE = Path(__file__).parent.parent / 'docs/reference.md'
 HEAD = """| node | parameter | default | unit | range | live | description |
@@ -61,7 +61,7 @@ def rows_of(nodes: dict[str, Any]) -> list[tuple[str, ...]]:
 
 def page() -> str:
     """Return the page with the table of the parameters that the nodes declare."""
-    from nodes.bench import NODES
+    from nodes.node_rig import NODES
 
     rows = rows_of(
         {name: make for name, make in NODES.items() if name != 'gondola_simulator'}

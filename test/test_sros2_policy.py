@@ -3,7 +3,7 @@
 from fnmatch import fnmatchcase
 from xml.etree import ElementTree
 
-from nodes.bench import NODES
+from nodes.node_rig import NODES
 import pytest
 from rclpy.parameter import Parameter
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import yaml
 
-from facade_manipulator.resources import config_path
+from facade_manipulator.package_files import config_path
 
 ERROR_CODE_LENGTH = 2  # bytes; an emergency message begins with its error code
 

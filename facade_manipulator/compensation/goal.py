@@ -7,7 +7,10 @@ from enum import Enum
 import math
 from typing import NamedTuple
 
-from facade_manipulator.compensation.compensator import Compensator
+from facade_manipulator.compensation.compensation_diagnostics import (
+    Component,
+    pressing_values,
+)
 from facade_manipulator.compensation.correction import (
     Correction,
     CorrectionMode,
@@ -15,7 +18,7 @@ from facade_manipulator.compensation.correction import (
     SILENCE,
 )
 from facade_manipulator.compensation.following import PATIENCE
-from facade_manipulator.compensation.report import Component, pressing_values
+from facade_manipulator.compensation.pose_compensator import Compensator
 from facade_manipulator.errors import joined
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.parameters import parameter, settings

@@ -30,7 +30,7 @@ from typing import Any
 
 from facade_manipulator.canopen.bus import CanBus, open_bus
 from facade_manipulator.canopen.clock import Clock, SteadyTime
-from facade_manipulator.control_loop.channel import Channel, LoopSetup
+from facade_manipulator.control_loop.loop_channel import Channel, LoopSetup
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.guard import Guard
 from facade_manipulator.drives.realtime import take_over_collector

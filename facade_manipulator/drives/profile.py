@@ -20,8 +20,8 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.units import VELOCITY_UNITS
 from facade_manipulator.errors import file_sentence, NEXT, ParameterError
+from facade_manipulator.package_files import config_path
 from facade_manipulator.parameters import read_value
-from facade_manipulator.resources import config_path
 
 _NUMBER = range(-(2**31), 2**32)
 _BOOLEAN = (False, True)

@@ -15,7 +15,7 @@ from itertools import pairwise
 import math
 from operator import attrgetter
 
-from facade_manipulator.estimation.model import FilterState, ImuInput, Process
+from facade_manipulator.estimation.rail_pose_model import FilterState, ImuInput, Process
 
 SPAN = 0.4  # s, length of the history: more than `OLDEST` of `inputs`, the maximum age
 LONGEST = 0.011  # s, maximum step that averages inputs: two at 200 Hz lose no accuracy

@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.motion.reference import HeadMotion, ReferencePath
+from facade_manipulator.motion.head_path import HeadMotion, ReferencePath
 from facade_manipulator.motion.setpoints import Setpoint, SetpointStream, STREAM_GAP
 
 LEAD = 0.05  # s, by which the setpoints of an approach are sent ahead of their time

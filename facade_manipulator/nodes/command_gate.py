@@ -16,7 +16,7 @@ from facade_manipulator.nodes.driver_status import (
     SILENT,
     STATUS_PERIOD,
 )
-from facade_manipulator.nodes.publisher_watch import PublisherWatch
+from facade_manipulator.nodes.node_subscriptions import PublisherWatch
 
 # s, for the first driver/status after the start, and for the status after a command
 PATIENCE = STATUS_PERIOD

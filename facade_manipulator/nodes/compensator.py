@@ -19,15 +19,15 @@ from nav_msgs.msg import Odometry
 from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator import topics
-from facade_manipulator.compensation import report
-from facade_manipulator.compensation.compensator import Compensator, CorrectedPose
+from facade_manipulator.compensation import compensation_diagnostics
 from facade_manipulator.compensation.contact import LateralSettings
 from facade_manipulator.compensation.contact_phases import ContactSettings
 from facade_manipulator.compensation.goal import ArrivalSettings, Goal, GoalTracker
+from facade_manipulator.compensation.pose_compensator import Compensator, CorrectedPose
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import millimetres
-from facade_manipulator.nodes import command_gate, conversions, messages
+from facade_manipulator.nodes import command_gate, conversions, planar_messages
 from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.command_gate import CommandGate, watch_driver
 from facade_manipulator.nodes.conversions import (
@@ -44,10 +44,10 @@ from facade_manipulator.nodes.diagnostics import (
     LOG_PERIOD,
 )
 from facade_manipulator.nodes.driver_status import SILENT
-from facade_manipulator.nodes.parameters import accept_changes, NodeParameters
-from facade_manipulator.nodes.publisher_watch import PublisherWatch
+from facade_manipulator.nodes.node_parameters import accept_changes, NodeParameters
+from facade_manipulator.nodes.node_settings import CompensatorSetup
+from facade_manipulator.nodes.node_subscriptions import PublisherWatch
 from facade_manipulator.nodes.run import run
-from facade_manipulator.nodes.settings import CompensatorSetup
 
 if TYPE_CHECKING:
     from facade_manipulator.nodes.ik_service import IkServiceNode
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 def stamp_of(goal: PoseStamped) -> str:
     """Return the stamp of a goal as text; a goal without a stamp has the present time."""
     given = goal.header.stamp
-    return messages.stamp_text(given if given != Time() else stamp(ros_time()))
+    return planar_messages.stamp_text(given if given != Time() else stamp(ros_time()))
 
 
 class CompensatorNode(BaseNode):
@@ -78,10 +78,12 @@ class CompensatorNode(BaseNode):
         self._compensator = Compensator(setup.geometry, setup.parts)
         for part, cls in (('contact', ContactSettings), ('lateral', LateralSettings)):
             accept_changes(self, cls, part, partial(self._compensator.change, part))
-        self._out_of_plane = messages.OutOfPlane(0.0, 0.0)  # of the newest estimate
+        self._out_of_plane = planar_messages.OutOfPlane(
+            0.0, 0.0
+        )  # of the newest estimate
 
         self.diagnostics = Diagnostics(self, self._components)
-        self._frames = messages.Frames.of(self.get_namespace())
+        self._frames = planar_messages.Frames.of(self.get_namespace())
         self._corrected_poses = self.create_publisher(*topics.CORRECTED_POSE)
         # receives each corrected pose, in an ik_service of this process
         self._follow: Callable[[float, Pose], None] | None = None
@@ -111,7 +113,7 @@ class CompensatorNode(BaseNode):
         if not connects_later:
             self.connect(None)
 
-    def _subscribe(self, frames: messages.Frames) -> None:
+    def _subscribe(self, frames: planar_messages.Frames) -> None:
         """Subscribe to goals, estimates and measurements at the wall."""
         subscribe = self.inputs.subscribe
         subscribe(
@@ -148,19 +150,19 @@ class CompensatorNode(BaseNode):
             partial(self._compensator.following.add_head, time, head),
         )
 
-    def _publish_goal(self, component: report.Component) -> None:
+    def _publish_goal(self, component: compensation_diagnostics.Component) -> None:
         self._goal_status.publish(diagnostic_status(*component))
 
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD)
 
     def _receive_goal(self, message: PoseStamped) -> None:
-        time = messages.seconds(message.header.stamp)
-        pose = messages.planar_pose(message.pose, 'goal_pose')
+        time = planar_messages.seconds(message.header.stamp)
+        pose = planar_messages.planar_pose(message.pose, 'goal_pose')
         goal = Goal(pose, stamp_of(message), monotonic())
         if self._goals.is_repetition(goal, has_stamp=bool(time)):
             return
-        messages.require_recent_command('goal_pose', time, ros_time())
+        planar_messages.require_recent_command('goal_pose', time, ros_time())
         if self._gate.status is SILENT:  # two publishers silence the driver
             self.inputs.require_sole(topics.DRIVER_STATUS.name)
         self._compensator.require_inside(pose)
@@ -189,7 +191,7 @@ class CompensatorNode(BaseNode):
                 'disturbance_odometry has no child_frame_id, expected '
                 f"'{self._frames.rail}' or the estimator's own",
             )
-        place, self._out_of_plane, variances = messages.estimated_pose(
+        place, self._out_of_plane, variances = planar_messages.estimated_pose(
             message, 'disturbance'
         )
         if child != self._frames.rail:
@@ -208,14 +210,14 @@ class CompensatorNode(BaseNode):
     def _receive_head(self, message: PoseStamped) -> None:
         self._compensator.following.add_head(
             steady_seconds(message.header.stamp),
-            messages.planar_pose(message.pose, 'end_effector_pose'),
+            planar_messages.planar_pose(message.pose, 'end_effector_pose'),
         )
 
     def _receive_wrench(self, message: WrenchStamped) -> None:
         self._compensator.contact.add_wrench(
             monotonic(),
             steady_seconds(message.header.stamp),
-            messages.planar_wrench(message),
+            planar_messages.planar_wrench(message),
         )
 
     def _receive_lateral_offset(self, message: PointStamped) -> None:
@@ -261,14 +263,19 @@ class CompensatorNode(BaseNode):
         self._gate.update(now)
         self._goals.update(now)
         self.diagnostics.publish_change(
-            report.correction_outcome(self._compensator, now, self.inputs.fault)
+            compensation_diagnostics.correction_outcome(
+                self._compensator, now, self.inputs.fault
+            )
         )
 
     def _components(self) -> list[DiagnosticStatus]:
-        correction = report.correction_component(
+        correction = compensation_diagnostics.correction_component(
             self._compensator, monotonic(), self.inputs.fault, self._out_of_plane
         )
-        components = [correction, *report.contact_components(self._compensator)]
+        components = [
+            correction,
+            *compensation_diagnostics.contact_components(self._compensator),
+        ]
         return [diagnostic_status(*one) for one in components]
 
     def _enable(

@@ -29,7 +29,7 @@ from facade_manipulator.kinematics import (
     urdf,
 )
 from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
-from facade_manipulator.nodes.messages import Frames, seconds
+from facade_manipulator.nodes.planar_messages import Frames, seconds
 
 JOINTS_PERIOD = (
     0.05  # s: robot_state_publisher publishes transforms at 20 Hz by default

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.nodes.conversions import steady_timer
-from facade_manipulator.nodes.messages import LEVELS
+from facade_manipulator.nodes.planar_messages import LEVELS
 
 PERIOD = 1.0  # s, between two messages on /diagnostics
 LOG_PERIOD = 10.0  # s, between two log lines of rejections for the same reason

@@ -16,10 +16,13 @@ from sensor_msgs.msg import Imu, Range
 from facade_manipulator import topics
 from facade_manipulator.covariance import is_measured
 from facade_manipulator.errors import InputError, ManipulatorError
-from facade_manipulator.estimation.channel import Channel
-from facade_manipulator.estimation.estimator import DisturbanceEstimator, RailMotion
-from facade_manipulator.estimation.inputs import LARGEST_FORCE, LARGEST_RATE
-from facade_manipulator.estimation.settings import EstimatorSetup
+from facade_manipulator.estimation.estimator_settings import EstimatorSetup
+from facade_manipulator.estimation.imu_checks import LARGEST_FORCE, LARGEST_RATE
+from facade_manipulator.estimation.rail_pose_filter import (
+    DisturbanceEstimator,
+    RailMotion,
+)
+from facade_manipulator.estimation.wall_depth_levels import Channel
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import POSE_AXES
 from facade_manipulator.nodes.base_node import BaseNode
@@ -31,14 +34,14 @@ from facade_manipulator.nodes.conversions import (
     system_time,
 )
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
-from facade_manipulator.nodes.messages import (
+from facade_manipulator.nodes.node_parameters import NodeParameters
+from facade_manipulator.nodes.node_subscriptions import PublisherWatch
+from facade_manipulator.nodes.planar_messages import (
     estimated_pose,
     Frames,
     not_measured,
     require_measured,
 )
-from facade_manipulator.nodes.parameters import NodeParameters
-from facade_manipulator.nodes.publisher_watch import PublisherWatch
 from facade_manipulator.nodes.run import run
 from facade_manipulator.rejections import Rejections
 

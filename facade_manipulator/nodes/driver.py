@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 from facade_manipulator import topics
-from facade_manipulator.control_loop.process import (
+from facade_manipulator.control_loop.loop_client import (
     FEED_PERIOD,
     LoopClient,
     start_process,
@@ -44,11 +44,11 @@ from facade_manipulator.nodes.conversions import joint_state, steady_timer, syst
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_status import state_sentence, STATUS_PERIOD
 from facade_manipulator.nodes.lifecycle import ManagedNode, OnReply, UNCONFIGURED
-from facade_manipulator.nodes.messages import carriages_from, seconds
-from facade_manipulator.nodes.parameters import accept_changes, NodeParameters
-from facade_manipulator.nodes.publisher_watch import PublisherWatch
+from facade_manipulator.nodes.node_parameters import accept_changes, NodeParameters
+from facade_manipulator.nodes.node_settings import DriverSetup
+from facade_manipulator.nodes.node_subscriptions import PublisherWatch
+from facade_manipulator.nodes.planar_messages import carriages_from, seconds
 from facade_manipulator.nodes.run import run
-from facade_manipulator.nodes.settings import DriverSetup
 from facade_manipulator.nodes.software_stop import SoftwareStop
 
 
@@ -59,7 +59,7 @@ class DriverNode(ManagedNode):
     Parameters
     ----------
     launch : callable
-        Starts the process of the loop; see `facade_manipulator.control_loop.process.LoopClient`.
+        Starts the process of the loop; see `control_loop.loop_client.LoopClient`.
 
     """
 

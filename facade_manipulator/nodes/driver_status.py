@@ -8,7 +8,7 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.nodes.messages import status_values
+from facade_manipulator.nodes.planar_messages import status_values
 
 STATUS_PERIOD = 0.5  # s, between two equal messages on driver/status
 SILENCE = (

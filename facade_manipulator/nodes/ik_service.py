@@ -16,10 +16,10 @@ from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Pose
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
+from facade_manipulator.motion.head_path import ReferencePath
 from facade_manipulator.motion.pose_follower import PoseFollower, RailPose
-from facade_manipulator.motion.reference import ReferencePath
 from facade_manipulator.motion.setpoints import Setpoint, SetpointStream
-from facade_manipulator.nodes import command_gate, conversions, messages
+from facade_manipulator.nodes import command_gate, conversions, planar_messages
 from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.command_gate import CommandGate, watch_driver
 from facade_manipulator.nodes.conversions import (
@@ -31,10 +31,10 @@ from facade_manipulator.nodes.conversions import (
     system_time,
 )
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
-from facade_manipulator.nodes.parameters import NodeParameters
-from facade_manipulator.nodes.publisher_watch import PublisherWatch
+from facade_manipulator.nodes.node_parameters import NodeParameters
+from facade_manipulator.nodes.node_settings import IkServiceSetup
+from facade_manipulator.nodes.node_subscriptions import PublisherWatch
 from facade_manipulator.nodes.run import run
-from facade_manipulator.nodes.settings import IkServiceSetup
 
 if TYPE_CHECKING:
     from facade_manipulator.nodes.compensator import CompensatorNode
@@ -72,7 +72,7 @@ class IkServiceNode(BaseNode):
         self._setpoint_count = 0
 
         self.diagnostics = Diagnostics(self, self._components)
-        self._frames = messages.Frames.of(self.get_namespace())
+        self._frames = planar_messages.Frames.of(self.get_namespace())
         self._setpoints = self.create_publisher(*topics.JOINT_SETPOINTS)
         self._head_message = PoseStamped()
         self._setpoint_message = JointState(name=AXIS_NAMES)
@@ -124,9 +124,9 @@ class IkServiceNode(BaseNode):
         )
 
     def _receive_corrected_pose(self, message: PoseStamped) -> None:
-        stamp = messages.seconds(message.header.stamp)
-        messages.require_recent_command('corrected_pose', stamp, ros_time())
-        pose = messages.planar_pose(message.pose, 'corrected_pose')
+        stamp = planar_messages.seconds(message.header.stamp)
+        planar_messages.require_recent_command('corrected_pose', stamp, ros_time())
+        pose = planar_messages.planar_pose(message.pose, 'corrected_pose')
         received = monotonic()
         time = steady_seconds(message.header.stamp) if stamp else received
         self._offer(RailPose(time, pose, received))
@@ -188,9 +188,9 @@ class IkServiceNode(BaseNode):
 
     def _receive_joint_states(self, message: JointState) -> None:
         self._head = None
-        time = messages.seconds(message.header.stamp)
+        time = planar_messages.seconds(message.header.stamp)
         carriages = Carriages(
-            *messages.carriages_from(
+            *planar_messages.carriages_from(
                 message.name, message.position, 'joint_states position'
             )
         )
@@ -227,7 +227,7 @@ class IkServiceNode(BaseNode):
     ) -> None:
         """Count a rejected request, and publish its reason, value, bound and unit."""
         self.diagnostics.reject(error, 'solve')
-        values = {'goal stamp': messages.stamp_text(request.goal.header.stamp)}
+        values = {'goal stamp': planar_messages.stamp_text(request.goal.header.stamp)}
         for key in REASON:
             if hasattr(error, key):
                 values[key] = getattr(error, key)
@@ -236,10 +236,10 @@ class IkServiceNode(BaseNode):
         )
 
     def _path(self, request: GetPlan.Request) -> list[Carriages]:
-        goal = messages.pose_in_frame(request.goal, self._frames.rail, 'goal')
+        goal = planar_messages.pose_in_frame(request.goal, self._frames.rail, 'goal')
         if not request.start.header.frame_id:
             return [self._stream.certify(goal)]
-        start = messages.pose_in_frame(request.start, self._frames.rail, 'start')
+        start = planar_messages.pose_in_frame(request.start, self._frames.rail, 'start')
         return self._stream.path(start, goal, request.tolerance)
 
     def _change_publishers(self) -> None:

@@ -27,7 +27,7 @@ from facade_manipulator import config_path, parameters
 from facade_manipulator.drives.realtime import request_node_priority
 from facade_manipulator.errors import file_sentence, ManipulatorError, ParameterError
 from facade_manipulator.nodes.base_node import BaseNode, CallbackError
-from facade_manipulator.nodes.parameters import (
+from facade_manipulator.nodes.node_parameters import (
     parameter_files,
     reject_unknown_parameters,
 )

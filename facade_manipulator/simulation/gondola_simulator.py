@@ -22,13 +22,13 @@ from facade_manipulator.kinematics import (
     Pose,
 )
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
-from facade_manipulator.nodes import conversions, messages
+from facade_manipulator.nodes import conversions, planar_messages
 from facade_manipulator.nodes.base_node import BaseNode
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
-from facade_manipulator.nodes.parameters import NodeParameters
-from facade_manipulator.nodes.publisher_watch import PublisherWatch
+from facade_manipulator.nodes.node_parameters import NodeParameters
+from facade_manipulator.nodes.node_settings import SimulatorSetup
+from facade_manipulator.nodes.node_subscriptions import PublisherWatch
 from facade_manipulator.nodes.run import run
-from facade_manipulator.nodes.settings import SimulatorSetup
 from facade_manipulator.simulation.world.scenario import load_scenario
 from facade_manipulator.simulation.world.world import World
 
@@ -60,7 +60,7 @@ class GondolaSimulatorNode(BaseNode):
         scenario = load_scenario(setup.world.scenario)
         self._mechanism = Mechanism(setup.geometry)
         self._world = World(scenario, setup.geometry, conversions.ros_time())
-        self._frames = messages.Frames.of(self.get_namespace())
+        self._frames = planar_messages.Frames.of(self.get_namespace())
         self.diagnostics = Diagnostics(
             self, lambda: [diagnostic_status('world', 'ok', 'simulating', {})]
         )
@@ -116,13 +116,13 @@ class GondolaSimulatorNode(BaseNode):
             self._publish(name, stamp, frame_id, **raw_fields(name, *values))
         for stamp, pose, variances, *_ in self._world.estimator.receive(now):
             estimate = PoseWithCovariance(pose=conversions.pose_message(pose))
-            estimate.covariance[[*messages.VARIANCES]] = variances
+            estimate.covariance[[*planar_messages.VARIANCES]] = variances
             self._publish(
                 topics.DISTURBANCE.name, stamp, self._frames.facade, pose=estimate
             )
 
     def _receive_goal(self, message: PoseStamped) -> None:
-        goal = messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
+        goal = planar_messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
         self._mechanism.certify(goal)
         world = self._world
 
@@ -134,12 +134,12 @@ class GondolaSimulatorNode(BaseNode):
 
     def _receive_joint_states(self, joints: JointState) -> None:
         world = self._world
-        positions = messages.carriages_from(
+        positions = planar_messages.carriages_from(
             joints.name, joints.position, 'joint_states position'
         )
         carriages = Carriages(*positions)
         self._mechanism.forward_kinematics(carriages)  # rejects impossible positions
-        self._advance(messages.seconds(joints.header.stamp), carriages)
+        self._advance(planar_messages.seconds(joints.header.stamp), carriages)
 
         for name, pose in self._poses.items():
             if self._outputs[name].get_subscription_count():

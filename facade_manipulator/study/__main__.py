@@ -18,13 +18,13 @@ from typing import Any
 
 from rich.console import Console
 
-from facade_manipulator.commands import above_zero, exit_status
+from facade_manipulator.command_line import above_zero, exit_status
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.resources import atomic_write
+from facade_manipulator.package_files import atomic_write
 from facade_manipulator.study.optimum import OBJECTIVES, STEP
 from facade_manipulator.study.paper import design, LENGTH_SUM, STROKE_LENGTH
-from facade_manipulator.study.tables import PARTS, progress, Study
-from facade_manipulator.study.workspace import Good
+from facade_manipulator.study.paper_tables import PARTS, progress, Study
+from facade_manipulator.study.workspace_metrics import Good
 
 REPORT = Path('workspace_report')
 NO_FILE = Path(os.devnull)

@@ -22,13 +22,13 @@ from facade_manipulator.kinematics.maps import pose_map
 from facade_manipulator.study import drawing, figures_postures
 from facade_manipulator.study.drawing import COLOUR_MAP, label, MILLIMETRES, plan_view
 from facade_manipulator.study.paper import CASES, design, ratio_on_grid
+from facade_manipulator.study.paper_tables import lengths, Study
 from facade_manipulator.study.singularities import (
     configurations,
     parallel_curves,
     serial_curve,
 )
-from facade_manipulator.study.tables import lengths, Study
-from facade_manipulator.study.workspace import Good, theta_bounds, union_ends
+from facade_manipulator.study.workspace_metrics import Good, theta_bounds, union_ends
 
 SLICES = 27  # of θ in Figure 6
 ROWS = 70  # of y in Figure 6

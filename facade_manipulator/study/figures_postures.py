@@ -18,8 +18,8 @@ from facade_manipulator.study.drawing import (
     MILLIMETRES,
     plan_view,
 )
-from facade_manipulator.study.tables import Study
-from facade_manipulator.study.workspace import section_bounds, theta_peak
+from facade_manipulator.study.paper_tables import Study
+from facade_manipulator.study.workspace_metrics import section_bounds, theta_peak
 
 MODES = ('++', '-+', '+-', '--')  # in the order of Figure 5
 INSIDE = 1.0 - 1e-9  # share of a limit: rounding may put the limit itself outside

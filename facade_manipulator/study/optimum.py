@@ -24,7 +24,7 @@ import numpy as np
 from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.study.paper import LENGTH_SUM, LINK_RANGE, PLATFORM_RANGE
-from facade_manipulator.study.workspace import Good, measure, section_area
+from facade_manipulator.study.workspace_metrics import Good, measure, section_area
 
 STEP = 0.001  # m: step of the sweep, as in the paper
 CELLS = 128  # number of cells of y and of θ: the ratio of a design is exact to 4e-4

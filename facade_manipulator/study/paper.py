@@ -19,7 +19,7 @@ import numpy as np
 
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.kinematics.maps import pose_map
-from facade_manipulator.study.workspace import (
+from facade_manipulator.study.workspace_metrics import (
     Good,
     PAPER_GOOD,
     section_area,

@@ -15,7 +15,7 @@ import numpy as np
 
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.maps import number_at
-from facade_manipulator.study.workspace import bisect
+from facade_manipulator.study.workspace_metrics import bisect
 
 SAMPLES = 100  # of y, to find a regular pose between both curves
 

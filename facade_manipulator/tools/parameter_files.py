@@ -13,7 +13,7 @@ import sys
 from typing import Any
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.nodes.settings import OF_ROS, parameter_names
+from facade_manipulator.nodes.node_settings import OF_ROS, parameter_names
 from facade_manipulator.parameters import (
     NODES,
     read_parameters,

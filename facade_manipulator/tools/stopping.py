@@ -10,11 +10,11 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from facade_manipulator.commands import above_zero, exit_status
-from facade_manipulator.control_loop.channel import LoopSetup
+from facade_manipulator.command_line import above_zero, exit_status
+from facade_manipulator.control_loop.loop_channel import LoopSetup
 from facade_manipulator.drives.stopping_distances import StoppingAnalysis
+from facade_manipulator.package_files import machine_files
 from facade_manipulator.parameters import ParameterSource
-from facade_manipulator.resources import machine_files
 from facade_manipulator.tools.parameter_files import announce, read_machine
 
 COASTING = 1.87  # m/s²: 67 mm from 0.5 m/s, by friction and masses of the prototype

@@ -16,8 +16,8 @@ from facade_manipulator import topics
 from facade_manipulator.canopen.pdo import PDO_MAP
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.nodes.conversions import stamp
-from facade_manipulator.nodes.messages import seconds
-from facade_manipulator.resources import config_path
+from facade_manipulator.nodes.planar_messages import seconds
+from facade_manipulator.package_files import config_path
 
 STANDING = (-0.1, 0.1, 0.0)  # m, the home position; the head is near (0, 0.25, 0) there
 COMMAND = (0x0F, 8, 1000)  # controlword, mode and target [counts]

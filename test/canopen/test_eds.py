@@ -6,7 +6,7 @@ import pytest
 
 from facade_manipulator.canopen.eds import read_dictionary, variables
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.resources import config_path
+from facade_manipulator.package_files import config_path
 
 CARELESS = """\
 [Comments]

@@ -4,7 +4,10 @@ from contextlib import suppress
 
 import numpy as np
 
-from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings
+from facade_manipulator.compensation.pose_compensator import (
+    Compensator,
+    CompensatorSettings,
+)
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import compose, Geometry, ZERO_POSE
 

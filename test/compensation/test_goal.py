@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from compensation.compensated_head import CompensatedHead
 import pytest
 
+from facade_manipulator.compensation.compensation_diagnostics import contact_components
 from facade_manipulator.compensation.contact_phases import ContactSettings, PressMode
 from facade_manipulator.compensation.correction import CorrectionSettings
 from facade_manipulator.compensation.goal import (
@@ -15,7 +16,6 @@ from facade_manipulator.compensation.goal import (
     GOAL_PERIOD,
     GoalTracker,
 )
-from facade_manipulator.compensation.report import contact_components
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 
 STEP = 0.02

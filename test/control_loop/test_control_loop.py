@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.control_loop.channel import LoopSetup, Message
 from facade_manipulator.control_loop.control_loop import ControlLoop
+from facade_manipulator.control_loop.loop_channel import LoopSetup, Message
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, State
 from facade_manipulator.kinematics import Geometry

@@ -8,11 +8,11 @@ import subprocess
 import sys
 import time
 
-from control_loop.loop_bench import ask, loop_arguments, SETUP
+from control_loop.loop_rig import ask, loop_arguments, SETUP
 import pytest
 from support import DEADLINE, wait_until
 
-from facade_manipulator.control_loop.process import (
+from facade_manipulator.control_loop.loop_client import (
     FEED_PERIOD,
     LoopClient,
     start_process,

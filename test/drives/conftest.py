@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
-from facade_manipulator.resources import config_path
+from facade_manipulator.package_files import config_path
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from facade_manipulator.drives.profile import load_profile, ProfileObject
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import State, Status
 from facade_manipulator.errors import DriveError, DriveObjectError
-from facade_manipulator.resources import config_path
+from facade_manipulator.package_files import config_path
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 

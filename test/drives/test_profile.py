@@ -5,14 +5,14 @@ import sys
 import pytest
 import yaml
 
-from facade_manipulator import resources
+from facade_manipulator import package_files
 from facade_manipulator.canopen import pdo
 from facade_manipulator.canopen.eds import read_dictionary, variables
 from facade_manipulator.drives import profile
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.profile import fitting_profile, load_profile, Quirks
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.resources import config_path
+from facade_manipulator.package_files import config_path
 
 NAMES = sorted(path.stem for path in config_path('drives').glob('*.yaml'))
 SAFETY = {  # what no drive may lack: it stops for a dead master, a lost axis, and at its limits
@@ -90,7 +90,7 @@ def test_maker_and_product_default_to_the_profile(field, of_type, own, found):
 @pytest.mark.parametrize('name', ['nothing', 'epos4'])
 def test_missing_profile_or_data_folder_is_rejected(tmp_path, monkeypatch, name):
     if name in NAMES:
-        monkeypatch.setattr(resources, 'PACKAGE', tmp_path / 'facade_manipulator')
+        monkeypatch.setattr(package_files, 'PACKAGE', tmp_path / 'facade_manipulator')
         monkeypatch.setattr(sys, 'prefix', str(tmp_path))
         monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
     with pytest.raises(

@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from facade_manipulator.estimation.estimator_settings import ImuSettings
 from facade_manipulator.estimation.history import History, Measurement, SPAN
-from facade_manipulator.estimation.model import AX, Process, update, VX, X
-from facade_manipulator.estimation.settings import ImuSettings
+from facade_manipulator.estimation.rail_pose_model import AX, Process, update, VX, X
 
 STEP = 0.005
 STEPS = 60

@@ -22,7 +22,7 @@ from replies import future_of
 from facade_manipulator.canopen import sdo
 from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.clock import SteadyTime
-from facade_manipulator.control_loop.channel import LoopSetup
+from facade_manipulator.control_loop.loop_channel import LoopSetup
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller import DriveController, REQUESTS
 from facade_manipulator.drives.controller_settings import ControllerSettings

@@ -13,11 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from sensor_record import feed, PERIOD, SETUP, START
 
-from facade_manipulator.compensation.compensator import Compensator, CompensatorSettings
 from facade_manipulator.compensation.held_back import LEAST_ERROR
+from facade_manipulator.compensation.pose_compensator import (
+    Compensator,
+    CompensatorSettings,
+)
 from facade_manipulator.drives.guard import MechanismCheck
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.estimation.estimator import DisturbanceEstimator
+from facade_manipulator.estimation.rail_pose_filter import DisturbanceEstimator
 from facade_manipulator.kinematics import (
     Carriages,
     compose,

@@ -3,7 +3,7 @@
 from typing import Any
 
 from facade_manipulator.control_loop import control_loop
-from facade_manipulator.control_loop.channel import LoopSetup
+from facade_manipulator.control_loop.loop_channel import LoopSetup
 from facade_manipulator.drives.guard import Unguarded
 
 

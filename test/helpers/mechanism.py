@@ -20,7 +20,7 @@ from facade_manipulator.kinematics import (
 )
 from facade_manipulator.kinematics.maps import x_intervals
 from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings
-from facade_manipulator.study.workspace import theta_limits, y_range
+from facade_manipulator.study.workspace_metrics import theta_limits, y_range
 
 DESIGN = Geometry()
 NO_GAP = Geometry(carriage_gap=0.0)

@@ -12,12 +12,15 @@ import math
 import numpy as np
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.estimation.estimator import DisturbanceEstimator, RailMotion
-from facade_manipulator.estimation.settings import (
+from facade_manipulator.estimation.estimator_settings import (
     DistanceSettings,
     EstimatorSetup,
     FixSettings,
     ProfileSettings,
+)
+from facade_manipulator.estimation.rail_pose_filter import (
+    DisturbanceEstimator,
+    RailMotion,
 )
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.simulation.world.scenario import Gondola, Motion, Scenario, Wind

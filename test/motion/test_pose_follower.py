@@ -9,8 +9,8 @@ from facade_manipulator.kinematics import (
     MIN_CONDITIONING,
     Pose,
 )
+from facade_manipulator.motion.head_path import ReferencePath, ReferenceSettings
 from facade_manipulator.motion.pose_follower import LEAD, PoseFollower, RailPose
-from facade_manipulator.motion.reference import ReferencePath, ReferenceSettings
 from facade_manipulator.motion.setpoints import SetpointStream, STREAM_GAP
 
 PERIOD = 0.01

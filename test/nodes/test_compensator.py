@@ -15,7 +15,7 @@ from geometry_msgs.msg import Pose as PoseMessage
 from hypothesis import given
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
-from nodes.bench import driver_message, NodeBench
+from nodes.node_rig import driver_message, NodeBench
 import pytest
 from std_srvs.srv import SetBool
 
@@ -28,7 +28,7 @@ from facade_manipulator.nodes import conversions
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.conversions import pose_message, pose_stamped, stamp
 from facade_manipulator.nodes.driver_status import DriverStatus, SILENT
-from facade_manipulator.nodes.messages import planar_pose, seconds, status_values
+from facade_manipulator.nodes.planar_messages import planar_pose, seconds, status_values
 
 GOAL = Pose(0.03, 0.25, 0.02)
 DISTURBANCE = Pose(0.05, 0.01, 0.02)

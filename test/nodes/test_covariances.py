@@ -4,7 +4,7 @@ import math
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from nodes.bench import NodeBench
+from nodes.node_rig import NodeBench
 import pytest
 from sensor_msgs.msg import Imu, Range
 

@@ -1,6 +1,6 @@
 """Rejections are counted and logged; components are published on change."""
 
-from nodes.bench import diagnostics_of
+from nodes.node_rig import diagnostics_of
 import pytest
 
 from facade_manipulator.errors import InputError

@@ -4,14 +4,14 @@ from pathlib import Path
 import re
 
 from nav_msgs.srv import GetPlan
-from nodes.bench import NodeBench, NODES
+from nodes.node_rig import NodeBench, NODES
 import pytest
 from rclpy.parameter import Parameter
 
 from facade_manipulator import topics
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.conversions import pose_stamped
-from facade_manipulator.nodes.messages import status_values
+from facade_manipulator.nodes.planar_messages import status_values
 
 DOCS = Path(__file__).parents[2] / 'docs'
 PAGE = DOCS / 'diagnostics.md'

@@ -3,7 +3,7 @@
 import math
 
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
-from nodes.bench import NodeBench
+from nodes.node_rig import NodeBench
 import pytest
 from sensor_msgs.msg import Imu, Range
 
@@ -15,7 +15,7 @@ from facade_manipulator.nodes.disturbance_estimator import (
     sensor_outcome,
     SILENCE,
 )
-from facade_manipulator.nodes.messages import planar_pose, seconds
+from facade_manipulator.nodes.planar_messages import planar_pose, seconds
 
 YAW, PERIOD = 0.01, 0.01
 PLANAR = {0, 1, 5, 6, 7, 11, 30, 31, 35}  # x, y and yaw in a covariance of six

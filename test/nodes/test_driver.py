@@ -9,7 +9,7 @@ from unittest.mock import Mock
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions
-from nodes.bench import DriverBench, LoopThread
+from nodes.node_rig import DriverBench, LoopThread
 import pytest
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -18,7 +18,7 @@ from support import DEADLINE, limited
 
 from facade_manipulator import topics
 from facade_manipulator.canopen.link import BusSettings
-from facade_manipulator.control_loop.process import LoopClient
+from facade_manipulator.control_loop.loop_client import LoopClient
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
     ControllerSnapshot,
@@ -28,7 +28,7 @@ from facade_manipulator.errors import DriveStateError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.nodes.conversions import joint_state, stamp
 from facade_manipulator.nodes.driver_status import DriverStatus
-from facade_manipulator.nodes.messages import status_values
+from facade_manipulator.nodes.planar_messages import status_values
 
 HOME = (-0.1, 0.1, 0.0)
 ENDED = (ControllerState.LOST, ControllerState.CLOSED)

@@ -25,7 +25,7 @@ from facade_manipulator.nodes.driver_diagnostics import (
     operation_status,
     StopCounter,
 )
-from facade_manipulator.nodes.messages import status_level, status_values
+from facade_manipulator.nodes.planar_messages import status_level, status_values
 
 SLOW, NO_PRIORITY = 'end other programs on this computer', 'without real-time'
 

@@ -1,6 +1,6 @@
 """Driver/status: the state of the drives in a message."""
 
-from nodes.bench import driver_message
+from nodes.node_rig import driver_message
 import pytest
 
 from facade_manipulator.errors import InputError

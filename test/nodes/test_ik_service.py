@@ -6,7 +6,7 @@ from time import monotonic
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
-from nodes.bench import NodeBench
+from nodes.node_rig import NodeBench
 import pytest
 
 from facade_manipulator import topics
@@ -20,12 +20,12 @@ from facade_manipulator.kinematics import (
     urdf,
 )
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
+from facade_manipulator.motion.head_path import ReferenceSettings
 from facade_manipulator.motion.pose_follower import LEAD
-from facade_manipulator.motion.reference import ReferenceSettings
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped
 from facade_manipulator.nodes.driver_status import SILENT
 from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.nodes.messages import planar_pose, seconds, status_values
+from facade_manipulator.nodes.planar_messages import planar_pose, seconds, status_values
 
 GEOMETRY = Geometry()
 MIDDLE = Pose(0.05, 0.25, 0.1)

@@ -3,7 +3,7 @@
 from functools import partial
 from time import monotonic
 
-from nodes.bench import NodeBench
+from nodes.node_rig import NodeBench
 import pytest
 
 from facade_manipulator import topics

@@ -12,7 +12,7 @@ from support import children, DEADLINE, wait_until
 from facade_manipulator import config_path, topics
 from facade_manipulator.client import ManipulatorClient, RequestRejectedError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.nodes.messages import planar_pose
+from facade_manipulator.nodes.planar_messages import planar_pose
 
 FILES = [
     word

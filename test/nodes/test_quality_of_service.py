@@ -1,12 +1,12 @@
 """Durability of topics: telemetry shows the present, states are latched, commands arrive."""
 
-from nodes.bench import NodeBench, NODES
+from nodes.node_rig import NodeBench, NODES
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from facade_manipulator import topics
 from facade_manipulator.client import ManipulatorClient
-from facade_manipulator.nodes.messages import seconds
+from facade_manipulator.nodes.planar_messages import seconds
 from facade_manipulator.topics import LatchedTopic, Topic
 
 TOPICS = [one for one in vars(topics).values() if isinstance(one, Topic)]

@@ -6,7 +6,7 @@ import signal
 from threading import Event, Thread, Timer
 import time
 
-from nodes.bench import diagnostics_of, NODES
+from nodes.node_rig import diagnostics_of, NODES
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue

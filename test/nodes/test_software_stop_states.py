@@ -6,7 +6,7 @@ a single publisher.
 """
 
 from drive_faults import without_safe_torque
-from nodes.bench import DriverBench
+from nodes.node_rig import DriverBench
 import pytest
 from std_msgs.msg import Bool
 

@@ -14,7 +14,7 @@ from facade_manipulator.drives.states import State
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.simulation.drives.__main__ import _parser, make_drives
 from facade_manipulator.simulation.drives.simulator import DriveSimulator
-from facade_manipulator.tools.commissioning.context import Overlay
+from facade_manipulator.tools.commissioning.procedure import Overlay
 
 STOP_TIME = 0.25  # s: the drives miss the heartbeat after 0.15 s
 

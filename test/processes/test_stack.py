@@ -16,7 +16,7 @@ from facade_manipulator.canopen.pdo import RPDO1
 from facade_manipulator.client import NoAnswerError
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
-from facade_manipulator.nodes.messages import planar_pose
+from facade_manipulator.nodes.planar_messages import planar_pose
 
 
 def test_kernel_sync_keeps_its_period_beside_other_frames(active, watcher, vcan0):

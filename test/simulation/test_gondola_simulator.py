@@ -3,14 +3,14 @@
 import math
 from types import SimpleNamespace
 
-from nodes.bench import NodeBench
+from nodes.node_rig import NodeBench
 import pytest
 from rclpy.parameter import Parameter
 
 from facade_manipulator import topics
 from facade_manipulator.kinematics import compose, Geometry, inverse_kinematics, Pose
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped, ros_time
-from facade_manipulator.nodes.messages import planar_pose, seconds
+from facade_manipulator.nodes.planar_messages import planar_pose, seconds
 from facade_manipulator.simulation import gondola_simulator
 from facade_manipulator.simulation.gondola_simulator import (
     GondolaSimulatorNode,

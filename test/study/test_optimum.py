@@ -13,7 +13,7 @@ from support import children, wait_until
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.study import optimum
 from facade_manipulator.study.optimum import best, designs, evaluate, executor_of, sweep
-from facade_manipulator.study.workspace import Good
+from facade_manipulator.study.workspace_metrics import Good
 
 DESIGNS = [(length, 0.35) for length in np.linspace(0.3, 0.4, 200).round(9).tolist()]
 

@@ -1,10 +1,10 @@
 """Every tool finds, names and checks the parameter files of a machine in the same way."""
 
-from nodes.bench import NODES
+from nodes.node_rig import NODES
 import pytest
 
-from facade_manipulator.nodes.settings import OF_ROS, parameter_names
-from facade_manipulator.resources import config_path, machine_files
+from facade_manipulator.nodes.node_settings import OF_ROS, parameter_names
+from facade_manipulator.package_files import config_path, machine_files
 from facade_manipulator.tools import stopping
 from facade_manipulator.tools.calibration import __main__ as calibrate
 from facade_manipulator.tools.commissioning import __main__ as commission

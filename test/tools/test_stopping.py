@@ -12,7 +12,7 @@ from facade_manipulator.drives.stopping_distances import (
 )
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.resources import config_path
+from facade_manipulator.package_files import config_path
 from facade_manipulator.tools.stopping import main
 
 LIMITS = MotionLimits()

@@ -27,15 +27,15 @@ from rclpy.node import Node
 
 from facade_manipulator import topics
 from facade_manipulator.client import ManipulatorClient
-from facade_manipulator.commands import above_zero, exit_status, require_packages
+from facade_manipulator.command_line import above_zero, exit_status, require_packages
 from facade_manipulator.drives.realtime import PERMIT_PRIORITY
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics.planar import POSE_AXES
-from facade_manipulator.nodes import messages
+from facade_manipulator.nodes import planar_messages
 from facade_manipulator.nodes.run import handle_signals, initialise
 from facade_manipulator.nodes.workarounds import take_waiting
-from facade_manipulator.resources import config_path
-from facade_manipulator.simulation.demo import report
+from facade_manipulator.package_files import config_path
+from facade_manipulator.simulation.demo import demo_report
 from facade_manipulator.simulation.world.scenario import (
     load_scenario,
     simulation_parameters,
@@ -119,7 +119,9 @@ class Demo:
                 getattr(self.client, name)()
             say('compensator: wait for an estimate of the disturbance')
             self.client.wait_until(
-                lambda: messages.status_level(self.components[CORRECTION]) == 'ok',
+                lambda: (
+                    planar_messages.status_level(self.components[CORRECTION]) == 'ok'
+                ),
                 'an estimate of the disturbance',
                 ESTIMATE_TIMEOUT,
             )
@@ -128,7 +130,7 @@ class Demo:
             # no signal interrupts the stop of the drives
             handle_signals(signal.SIG_IGN)
             self.end_nodes()
-        self.report(report.Run(self.tables, self.scenario))
+        self.report(demo_report.Run(self.tables, self.scenario))
 
     def start_nodes(self) -> None:
         """Start the nodes with the parameters of the scenario."""
@@ -187,7 +189,7 @@ class Demo:
                 self.client.send_goal(goal)
             self.watch()
             operation = self.components[OPERATION]
-            if messages.status_level(operation) == 'error':
+            if planar_messages.status_level(operation) == 'error':
                 raise ManipulatorError(f'driver: {operation.message}')
             if elapsed >= lines:  # one each second
                 lines = int(elapsed) + 1
@@ -199,7 +201,7 @@ class Demo:
         figures = ['error not measured yet']
         newest = [list(table)[-LINE_SAMPLES:] for table in self.tables]
         with suppress(ManipulatorError):
-            figures = report.Run(newest, self.scenario).figures
+            figures = demo_report.Run(newest, self.scenario).figures
 
         operation = self.components[OPERATION]
         correction = self.components[CORRECTION]
@@ -223,7 +225,7 @@ class Demo:
         if 'driver' in self.nodes:
             say(self.last_line('driver'))
 
-    def write_summary(self, run: report.Run, counters: dict[str, int]) -> None:
+    def write_summary(self, run: demo_report.Run, counters: dict[str, int]) -> None:
         """Write the figures of a run for programs."""
         names = ('disturbance_rms', 'residual_rms', 'attenuation_db')
         axes = {}
@@ -238,7 +240,7 @@ class Demo:
         text = json.dumps(summary, indent=2)
         (self.output / 'summary.json').write_text(f'{text}\n')
 
-    def report(self, run: report.Run) -> None:
+    def report(self, run: demo_report.Run) -> None:
         """Print and draw the run; raises a ManipulatorError if a result is below its limit."""
         counters = self.counters()
         self.write_summary(run, counters)
@@ -252,7 +254,7 @@ class Demo:
             f'scheduling: {self.scheduling}',
             f'drawing the pictures in {self.output}/',
         )
-        pictures = report.draw(run)
+        pictures = demo_report.draw(run)
         handle_signals(signal.SIG_IGN)
         for name, content in pictures.items():
             (self.output / name).write_bytes(content)
@@ -273,14 +275,14 @@ class Demo:
         """Return the counters of the summary."""
         counters = {}
         for name, (component, key) in COUNTERS.items():
-            values = messages.status_values(self.components[component])
+            values = planar_messages.status_values(self.components[component])
             counters[name] = int(values.get(key, 0))
         return counters
 
     @property
     def priority(self) -> int:
         """Return the real-time priority of the control loop, 0 for none."""
-        return int(messages.status_values(self.components[BUS]).get(PRIORITY, 0))
+        return int(planar_messages.status_values(self.components[BUS]).get(PRIORITY, 0))
 
     @property
     def scheduling(self) -> str:
@@ -297,10 +299,10 @@ class Demo:
 def keep_values(table: deque[tuple[float, ...]], message: Any) -> None:
     """Store the stamp and the planar values of a message."""
     if hasattr(message, 'pose'):
-        values: tuple[float, ...] = messages.planar_pose(message.pose, 'pose')
+        values: tuple[float, ...] = planar_messages.planar_pose(message.pose, 'pose')
     else:
-        values = messages.planar_wrench(message)
-    table.append((messages.seconds(message.header.stamp), *values))
+        values = planar_messages.planar_wrench(message)
+    table.append((planar_messages.seconds(message.header.stamp), *values))
 
 
 def as_text(counters: dict[str, int]) -> str:

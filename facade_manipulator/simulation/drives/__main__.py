@@ -17,7 +17,7 @@ from typing import Any
 from facade_manipulator.canopen.bus import open_bus
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.canopen.lss import UNCONFIGURED
-from facade_manipulator.commands import exit_status
+from facade_manipulator.command_line import exit_status
 from facade_manipulator.drives.axis_settings import AxisSettings, DEFAULT_AXES
 from facade_manipulator.parameters import parameter_fields, ParameterSource
 from facade_manipulator.simulation.drives.drive import SimulatedDrive

@@ -17,8 +17,8 @@ import numpy as np
 
 from facade_manipulator.errors import file_reason, ParameterError
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.package_files import config_path
 from facade_manipulator.parameters import from_mapping, read_value
-from facade_manipulator.resources import config_path
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from facade_manipulator.kinematics import Carriages, Geometry, Pose, Wrench
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.simulation.world import sensors
-from facade_manipulator.simulation.world.model import build_model, initial_state
+from facade_manipulator.simulation.world.mujoco_model import build_model, initial_state
 from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.simulation.world.wind import drag, Gusts
 

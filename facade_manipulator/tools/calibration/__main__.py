@@ -11,19 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from facade_manipulator.commands import above_zero, exit_status
+from facade_manipulator.command_line import above_zero, exit_status
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
+from facade_manipulator.package_files import machine_files
 from facade_manipulator.parameters import ParameterSource
 from facade_manipulator.prediction.estimate import EstimateSettings
-from facade_manipulator.resources import machine_files
-from facade_manipulator.tools.calibration import estimator, geometry
-from facade_manipulator.tools.calibration.geometry import AXES, in_units, UNITS
+from facade_manipulator.tools.calibration import estimator_fit, geometry_fit
+from facade_manipulator.tools.calibration.csv_reader import read_table
+from facade_manipulator.tools.calibration.geometry_fit import AXES, in_units, UNITS
 from facade_manipulator.tools.calibration.recording import (
     HEAD_ON_WALL,
     read_estimator_recording,
 )
-from facade_manipulator.tools.calibration.tables import read_table
 from facade_manipulator.tools.parameter_files import announce, read_machine
 
 
@@ -42,9 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def plan_poses(options: argparse.Namespace) -> Iterator[str]:
     """Yield a table of poses to measure, with empty cells for the measured head poses."""
     drawing = _geometry(options)
-    carriages = geometry.spread_carriages(drawing, options.count)
+    carriages = geometry_fit.spread_carriages(drawing, options.count)
     yield 'goal_x,goal_y,goal_qz,goal_qw,q1_mm,q2_mm,q3_mm,x_mm,y_mm,theta_deg'
-    x, y, theta = geometry.head_poses(drawing, carriages).T
+    x, y, theta = geometry_fit.head_poses(drawing, carriages).T
     sine = np.sin(theta / 2)
     cosine = np.cos(theta / 2)
     for row in np.column_stack([x, y, sine, cosine, 1e3 * carriages]):
@@ -55,14 +55,14 @@ def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
     """Yield the geometric errors of the machine and the lines of the parameter file."""
     drawing = _geometry(options)
     table = read_table(options.table, AXIS_NAMES, AXES)
-    measurements = geometry.Measurements(table[:, :3], table[:, 3:])
+    measurements = geometry_fit.Measurements(table[:, :3], table[:, 3:])
     noise = np.take(options.noise, [0, 0, 1]) * [1e-3, 1e-3, math.radians(1.0)]
-    found = geometry.fit_geometry(drawing, measurements, noise, options.frame)
+    found = geometry_fit.fit_geometry(drawing, measurements, noise, options.frame)
 
     for k, value, deviation in zip(
         found.sought, found.values, found.deviations, strict=True
     ):
-        name, _, unit = geometry.ERRORS[k]
+        name, _, unit = geometry_fit.ERRORS[k]
         yield _line(name, value, deviation, unit)
     for combination in found.unidentified:
         yield f'The poses do not determine {combination}.'
@@ -74,11 +74,11 @@ def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
     yield f'The rows scatter by {found.scatter:.2f} times the stated noise.'
     yield f'The maximum standard deviation of the head is {in_units(found.head_deviation)}.'
 
-    errors = geometry.held_out_errors(drawing, measurements, noise, found)
+    errors = geometry_fit.held_out_errors(drawing, measurements, noise, found)
     before, after = map(in_units, errors)
     yield f'Rows left out of the fit were off by {before} before and are off by {after} now.'
 
-    values = {name: getattr(found.geometry, name) for name in geometry.FIELDS}
+    values = {name: getattr(found.geometry, name) for name in geometry_fit.FIELDS}
     yield from _parameters('/**', 'geometry', values)
 
 
@@ -90,12 +90,12 @@ def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
     source = _source(options)
     machine = source.read(Geometry, 'geometry')
     present = source.read(EstimateSettings, 'estimate')
-    found = estimator.fit_estimator(machine, recording, present)
+    found = estimator_fit.fit_estimator(machine, recording, present)
 
     mounting = found.settings.mounting
     delay = found.settings.delay
     for name, value, deviation, unit in zip(
-        estimator.SOUGHT,
+        estimator_fit.SOUGHT,
         (*mounting, delay),
         found.deviations,
         (*UNITS, ('ms', 1e3)),

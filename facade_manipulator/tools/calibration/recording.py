@@ -10,8 +10,8 @@ import numpy as np
 
 from facade_manipulator.errors import CalibrationError, InputError
 from facade_manipulator.kinematics import Carriages, Pose
-from facade_manipulator.nodes import messages
-from facade_manipulator.tools.calibration.estimator import EstimatorRecording
+from facade_manipulator.nodes import planar_messages
+from facade_manipulator.tools.calibration.estimator_fit import EstimatorRecording
 
 HEAD_ON_WALL = 'head_on_wall'
 
@@ -77,7 +77,9 @@ def _by_stamp(recorded: list[Any]) -> list[tuple[float, ...]]:
     rows: dict[float, Pose | Carriages] = {}
     for message in recorded:
         with suppress(InputError):  # the nodes also rejected this message
-            rows.setdefault(messages.seconds(message.header.stamp), _numbers(message))
+            rows.setdefault(
+                planar_messages.seconds(message.header.stamp), _numbers(message)
+            )
     return [(time, *rows[time]) for time in sorted(rows)]
 
 
@@ -85,7 +87,9 @@ def _numbers(message: Any) -> Pose | Carriages:
     """Return the pose, or the positions of the carriages, of a recorded message [m, m, rad]."""
     if hasattr(message, 'position'):
         return Carriages(
-            *messages.carriages_from(message.name, message.position, 'joint_states')
+            *planar_messages.carriages_from(
+                message.name, message.position, 'joint_states'
+            )
         )
     pose = getattr(message.pose, 'pose', message.pose)  # with a covariance or without
-    return messages.projected(pose, 'recorded pose')[0]
+    return planar_messages.projected(pose, 'recorded pose')[0]

@@ -9,15 +9,15 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from facade_manipulator.commands import exit_status
+from facade_manipulator.command_line import exit_status
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.tools.commissioning import (
+    carriage_measurements,
+    drive_ids,
     drive_settings,
-    measure,
-    nodes,
     stop_test,
 )
-from facade_manipulator.tools.commissioning.context import Context
+from facade_manipulator.tools.commissioning.procedure import Context
 from facade_manipulator.tools.parameter_files import announce
 
 STEPS = [
@@ -97,9 +97,9 @@ LSS_TIMEOUT: dict[str, dict[str, Any]] = {
     }
 }
 COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]] = {
-    'scan': (nodes.run_scan, LSS_TIMEOUT),
+    'scan': (drive_ids.run_scan, LSS_TIMEOUT),
     'assign': (
-        nodes.run_assign,
+        drive_ids.run_assign,
         LSS_TIMEOUT
         | {
             '--serials': {
@@ -129,13 +129,13 @@ COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]]
         },
     ),
     'restore': (drive_settings.run_restore, AXIS | {'file': {'type': Path}}),
-    'direction': (measure.run_direction, AXIS),
+    'direction': (carriage_measurements.run_direction, AXIS),
     'jog': (
-        measure.run_jog,
+        carriage_measurements.run_jog,
         MOVED | {'distance': _length(-200, 200, '20') | {'nargs': '?'}},
     ),
     'lead': (
-        measure.run_lead,
+        carriage_measurements.run_lead,
         MOVED
         | {
             '--travel': _length(-200, 200, '40'),
@@ -143,7 +143,7 @@ COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]]
         },
     ),
     'home-switch': (
-        measure.run_home_switch,
+        carriage_measurements.run_home_switch,
         MOVED
         | {
             '--window': _length(0, 200, '50'),
@@ -161,7 +161,7 @@ COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]]
             },
         },
     ),
-    'lag': (measure.run_lag, {}),
+    'lag': (carriage_measurements.run_lag, {}),
     'stop-test': (stop_test.run_stop_test, {'--speed': _length(1, 300, '200', 'MM/S')}),
 }
 

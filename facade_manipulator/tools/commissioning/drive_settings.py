@@ -25,8 +25,8 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.errors import CommissioningError, DriveObjectError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
-from facade_manipulator.resources import atomic_write
-from facade_manipulator.tools.commissioning.context import Context
+from facade_manipulator.package_files import atomic_write
+from facade_manipulator.tools.commissioning.procedure import Context
 
 TYPE = ((indices.IDENTITY, 1), (indices.IDENTITY, 2))
 IDENTITY = (*TYPE, (indices.IDENTITY, 3), (indices.IDENTITY, 4))

@@ -25,8 +25,12 @@ from facade_manipulator.tools.commissioning.braking_curve import (
     Deceleration,
     fit_deceleration,
 )
-from facade_manipulator.tools.commissioning.context import Context
-from facade_manipulator.tools.commissioning.motion import ACCELERATION, Motion, powered
+from facade_manipulator.tools.commissioning.low_speed_motion import (
+    ACCELERATION,
+    Motion,
+    powered,
+)
+from facade_manipulator.tools.commissioning.procedure import Context
 from facade_manipulator.tools.stopping import COASTING
 
 QUICK_STOP = 'quick stop'

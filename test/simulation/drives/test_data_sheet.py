@@ -6,7 +6,7 @@ import pytest
 
 from facade_manipulator.canopen import cob_ids
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.resources import config_path
+from facade_manipulator.package_files import config_path
 from facade_manipulator.simulation.drives.__main__ import _parser, make_drives
 
 SHIPPED = config_path('drives/cia402.eds').read_text()

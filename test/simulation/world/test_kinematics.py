@@ -13,7 +13,7 @@ from facade_manipulator.kinematics import (
     Pose,
     Wrench,
 )
-from facade_manipulator.resources import config_path
+from facade_manipulator.package_files import config_path
 from facade_manipulator.simulation.world.scenario import Motion, Scenario
 from facade_manipulator.simulation.world.world import World
 

@@ -6,8 +6,8 @@ import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.package_files import config_path
 from facade_manipulator.parameters import read_parameters
-from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.world.scenario import (
     load_scenario,
     simulation_parameters,

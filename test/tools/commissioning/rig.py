@@ -11,12 +11,12 @@ from fake_bus import BusWorld
 import yaml
 
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
+from facade_manipulator.package_files import config_path
 from facade_manipulator.parameters import read_parameters
-from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.drives.__main__ import _parser, make_drives
-from facade_manipulator.tools.commissioning import measure
+from facade_manipulator.tools.commissioning import carriage_measurements
 from facade_manipulator.tools.commissioning.__main__ import main
-from facade_manipulator.tools.commissioning.context import Overlay
+from facade_manipulator.tools.commissioning.procedure import Overlay
 
 SERIALS = (4711, 4712, 4713)
 
@@ -38,7 +38,7 @@ class CommissionRig(BusWorld):
         monkeypatch.chdir(folder)
         monkeypatch.setattr('builtins.input', self._answer)
         # m/s, twice the speed of the tool: half the cycles for an edge that is 0.1 mm less sharp
-        monkeypatch.setattr(measure, '_APPROACH', 1e-3)
+        monkeypatch.setattr(carriage_measurements, '_APPROACH', 1e-3)
         # the library's pauses between two questions
         monkeypatch.setattr('canopen.lss.time', SimpleNamespace(sleep=self.pass_time))
         self.power_cut()

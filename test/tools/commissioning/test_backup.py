@@ -5,7 +5,7 @@ import pytest
 from tools.commissioning.rig import own_profile, raising
 
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
-from facade_manipulator.resources import config_path
+from facade_manipulator.package_files import config_path
 
 pytestmark = pytest.mark.long
 

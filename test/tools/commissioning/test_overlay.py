@@ -4,7 +4,7 @@ import pytest
 
 from facade_manipulator.parameters import read_parameters
 from facade_manipulator.tools.commissioning.__main__ import main, STEPS
-from facade_manipulator.tools.commissioning.context import Overlay
+from facade_manipulator.tools.commissioning.procedure import Overlay
 
 
 def test_status_lists_the_steps_and_the_next_command(rig, capsys):

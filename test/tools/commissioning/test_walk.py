@@ -11,9 +11,9 @@ from tools.commissioning.rig import SERIALS
 import facade_manipulator
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
-from facade_manipulator.resources import config_path
+from facade_manipulator.package_files import config_path
 from facade_manipulator.tools.commissioning.__main__ import _parser, STEPS
-from facade_manipulator.tools.commissioning.context import Context
+from facade_manipulator.tools.commissioning.procedure import Context
 
 PAGE = (
     Path(facade_manipulator.__file__).parents[1] / 'docs' / 'commissioning.md'

@@ -1,0 +1,96 @@
+"""
+Components of the compensator for /diagnostics.
+
+A component is its name, its level (ok, warn or error), a message and values by key, without ROS.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from facade_manipulator.compensation.contact_phases import Pressing
+from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.pose_compensator import Compensator
+from facade_manipulator.errors import joined
+from facade_manipulator.kinematics.planar import millimetres, POSE_AXES
+
+Component = tuple[str, str, str, dict[str, Any]]
+UNESTIMATED = (CorrectionMode.NO_ESTIMATE, CorrectionMode.SILENT)
+UNCORRECTED = (CorrectionMode.DISABLED, CorrectionMode.NO_ESTIMATE)
+
+
+def correction_outcome(
+    compensator: Compensator, now: float, fault: str
+) -> tuple[str, str]:
+    """Return level and message at a time [s]; `fault` is the fault of the inputs."""
+    correction = compensator.correction
+    mode = correction.mode
+    text = mode.value
+    if mode in UNESTIMATED:
+        text = f'{text}: {correction.silence_cause(now)}'
+    addition = fault or compensator.held_back.message(now)
+    level = 'warn' if addition or mode in UNCORRECTED else 'ok'
+    if fault or mode is CorrectionMode.SILENT:
+        level = 'error'
+    return level, joined(text, addition)
+
+
+def correction_component(
+    compensator: Compensator, now: float, fault: str, left_out: tuple[float, float]
+) -> Component:
+    """Return the component of the correction; `left_out` is height and tilt [m, rad]."""
+    correction = compensator.correction
+    lag = compensator.following.lag
+    horizon = compensator.settings.lead
+    newest = compensator.newest
+    values: dict[str, Any] = {
+        'horizon [ms]': 1e3 * horizon,
+        'age of the estimate [ms]': 1e3 * correction.age(now),
+        'lag of the head [ms]': 1e3 * lag,
+        'initialisations': compensator.initialisations,
+    }
+    if any(left_out):
+        values['left out of the estimate'] = (
+            f'z {1e3 * left_out[0]:+z.1f} mm, tilt {math.degrees(left_out[1]):.2f} deg'
+        )
+    if newest is not None:
+        values['corrected disturbance'] = millimetres(newest.disturbance)
+        values['saturation error'] = millimetres(newest.saturation_error)
+    deviations = correction.deviations(now + horizon + lag)
+    if deviations:
+        texts = []
+        for axis, deviation in zip(POSE_AXES, deviations, strict=True):
+            name, scale, unit = axis
+            texts.append(f'{name} {scale * deviation:.2g} {unit}')
+        values['standard deviation of the prediction'] = '; '.join(texts)
+    return 'correction', *correction_outcome(compensator, now, fault), values
+
+
+def contact_components(compensator: Compensator) -> list[Component]:
+    """Return the component of the contact with the wall, empty while contact is disabled."""
+    contact = compensator.contact
+    pressing = contact.pressing
+    if not (contact.lateral.enabled or pressing.settings.enabled):
+        return []
+    level = 'ok'
+    if pressing.is_hindered:
+        level = 'error' if pressing.reason else 'warn'
+    values = pressing_values(pressing) | {
+        'zero of the force [N]': pressing.zero,
+        'desired force at present [N]': pressing.desired,
+        'moment on the wall [N m]': pressing.moment,
+        'reason of the last retract': pressing.last_reason or 'never',
+        'shift of the goal': millimetres(contact.present),
+    }
+    return [('contact', level, pressing.outcome, values)]
+
+
+def pressing_values(pressing: Pressing) -> dict[str, Any]:
+    """Return the state and the force of the contact with the wall."""
+    return {
+        'pressing': pressing.outcome,
+        'force on the wall [N]': pressing.monitor.force,
+        'desired force [N]': pressing.settings.force,
+        'bound of the force error [N]': pressing.bound,
+    }

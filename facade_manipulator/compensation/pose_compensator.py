@@ -1,0 +1,305 @@
+"""
+Compensator: a goal on the wall becomes the path of the head in the frame of the rail.
+
+corrected = d⁻¹ ∘ reference, in SE(2), for one horizon ahead plus the lag of the head, saturated at
+the workspace limit. d is the predicted disturbance; the reference is the jerk-limited path to the
+goal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+from typing import Any, NamedTuple
+
+from facade_manipulator.compensation.contact import Contact, LateralSettings
+from facade_manipulator.compensation.contact_phases import ContactSettings, Surroundings
+from facade_manipulator.compensation.correction import (
+    Correction,
+    CorrectionMode,
+    CorrectionSettings,
+    LONGEST_PAUSE,
+    SILENCE,
+)
+from facade_manipulator.compensation.following import Following
+from facade_manipulator.compensation.held_back import HeldBack
+from facade_manipulator.compensation.workspace_limit import WorkspaceLimit
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.kinematics import Geometry, Mechanism, Pose, ZERO_POSE
+from facade_manipulator.kinematics.planar import (
+    add,
+    compose,
+    difference,
+    relative,
+    subtract,
+)
+from facade_manipulator.motion.head_path import (
+    HeadMotion,
+    ReferencePath,
+    ReferenceSettings,
+)
+from facade_manipulator.parameters import parameter, ParameterSource, settings
+from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings
+
+DRIVE_LAG = 0.015  # s, controller.drive_lag of the shipped parameters
+TRANSPORT = 0.01  # s, from a corrected pose to the cycle that uses its setpoint
+LONGEST_INTERVAL = 0.1  # s, a longer pause counts as this interval
+
+
+@settings
+class CompensationSettings:
+    """Settings of the compensation: rate and lead of corrected poses."""
+
+    rate: float = parameter(
+        'Rate of corrected poses',
+        default=100.0,
+        unit='Hz',
+        minimum=10.0,
+        maximum=1000.0,
+    )
+    horizon: float = parameter(
+        'Lead of the instant of a corrected pose over its publication; 0: computed from rate',
+        default=0.0,
+        unit='s',
+        minimum=0.0,
+        maximum=0.5,
+    )
+
+    @property
+    def lead(self) -> float:
+        """
+        Return the lead of corrected poses [s].
+
+        Without a set horizon it is the delay of the commands: two periods, because the drives
+        latch a target at the next SYNC and interpolate to it for one more, their lag, and the
+        time until a setpoint is read. A setpoint that is read later is extrapolated.
+        """
+        return self.horizon or 2.0 / self.rate + DRIVE_LAG + TRANSPORT
+
+
+class CorrectedPose(NamedTuple):
+    """A pose for the head in frame rail, with the terms that it was computed from."""
+
+    time: float  #: instant of the command [s]
+    reach_time: float  #: instant at which the head reaches the pose, after its lag [s]
+    pose: Pose  #: in frame rail
+    reference: Pose  #: path to the goal at `reach_time`, in frame facade
+    disturbance: (
+        Pose  #: corrected disturbance at `reach_time`: frame rail in frame facade
+    )
+    saturation_error: Pose  #: removed from each axis at the workspace limit [m, m, rad]
+
+
+class CompensatorSettings(NamedTuple):
+    """Settings of the compensator's parts."""
+
+    compensation: CompensationSettings = CompensationSettings()
+    estimate: EstimateSettings = EstimateSettings()
+    correction: CorrectionSettings = CorrectionSettings()
+    reference: ReferenceSettings = ReferenceSettings()
+    contact: ContactSettings = ContactSettings()
+    lateral: LateralSettings = LateralSettings()
+
+    @classmethod
+    def read(cls, source: ParameterSource) -> CompensatorSettings:
+        """Read the parameters of the parts."""
+        return cls(
+            compensation=source.read(CompensationSettings),
+            estimate=source.read(EstimateSettings, 'estimate'),
+            correction=source.read(CorrectionSettings, 'correction'),
+            reference=source.read(ReferenceSettings, 'reference'),
+            contact=source.read(ContactSettings, 'contact'),
+            lateral=source.read(LateralSettings, 'lateral'),
+        )
+
+
+DEFAULTS = CompensatorSettings()
+
+
+class Compensator:
+    """Compensator: goals, estimates and contact measurements become corrected poses."""
+
+    def __init__(
+        self, geometry: Geometry, settings: CompensatorSettings = DEFAULTS
+    ) -> None:
+        self._mechanism = Mechanism(geometry)
+        self.settings = settings.compensation
+        #: present correction and its mode
+        self.correction = Correction(settings.correction)
+        #: shift of the goal by the wall; receives the measurements at the wall
+        self.contact = Contact(settings.contact, settings.lateral)
+        #: tracking of the path; receives measured head poses
+        self.following = Following()
+        self.goal: Pose | None = None  #: final pose of the head on the wall
+        self.initialisations = 0  #: number of times the path began at the head
+        self.gate = EstimateGate(settings.estimate)
+        self._reference = ReferencePath(settings.reference)
+        self._workspace = WorkspaceLimit(geometry)
+        self.newest: CorrectedPose | None = None  #: None while no goal is followed
+        self.held_back = HeldBack()  #: limits that hold axes of the head back
+
+    def change(self, part: str, settings: Any) -> None:
+        """
+        Change the settings of a part with live parameters without a jump of the pose.
+
+        Raises a ValueError for another part than ``'contact'`` and ``'lateral'``.
+        """
+        if part == 'contact':
+            self.contact.pressing.settings = settings
+        elif part == 'lateral':
+            self.contact.lateral = settings
+        else:
+            raise ValueError(f'{part} has no live parameters')
+
+    def set_goal(self, goal: Pose) -> None:
+        """
+        Move to a goal on the wall from now on.
+
+        Raises a LimitError if the goal is outside the workspace even in still air; the previous
+        goal stays.
+        """
+        self.require_inside(goal)
+        self.goal = goal
+
+    def require_inside(self, goal: Pose) -> None:
+        """Require a goal inside the workspace in still air; raises a LimitError otherwise."""
+        self._mechanism.certify(goal, self._reference.settings.min_conditioning)
+
+    def drop_goal(self) -> None:
+        """Drop the goal: `update` returns None; the path to the next goal begins at the head."""
+        self.goal = None
+        self.newest = None
+
+    def hold(self, now: float) -> Pose:
+        """
+        End the path to the goal; return the pose on the wall where the head stops [m, m, rad].
+
+        Raises a ManipulatorError if the head follows no goal.
+        """
+        if self.newest is None:
+            raise ManipulatorError(
+                'hold rejected: the head follows no goal; next: send a goal'
+            )
+        self.goal = self._reference.stop(
+            max(self.newest.time, now + self.settings.lead) + self.following.lag
+        )
+        return self.goal
+
+    def goal_error(self, now: float) -> Pose | None:
+        """Return the goal minus the head on the wall [m, m, rad]; None if either is unknown."""
+        newest = self.following.newest(now)
+        if newest is None or self.goal is None:
+            return None
+        correction = self.correction
+        if correction.is_silent(now) or not all(correction.known):
+            return None
+        stamp, head = newest
+        on_wall = compose(correction.disturbance(stamp), head)
+        return difference(add(self.goal, self.contact.present), on_wall)
+
+    def path_time(self, now: float) -> float:
+        """Return the remaining time of the path to the goal [s]; infinite before it is planned."""
+        if self.newest is None or self.goal != self._reference.goal:
+            return math.inf
+        return self._reference.arrival() - now
+
+    def add_estimate(
+        self,
+        now: float,
+        stamp: float,
+        pose: Pose,
+        variances: Sequence[float],
+        tilt: float = 0.0,
+    ) -> None:
+        """
+        Learn from an estimate of the disturbance, with the arguments of `EstimateGate.check`.
+
+        Raises an InputError if the estimate is impossible.
+        """
+        self.correction.add_estimate(self.gate.check(now, stamp, pose, variances, tilt))
+
+    def update(self, now: float) -> CorrectedPose | None:
+        """
+        Return the corrected pose for one horizon ahead, None before there is a goal.
+
+        The present time [s] is later than at the previous update; if the clock was set, the path
+        begins again.
+        """
+        time = now + self.settings.lead
+        if self.newest is not None and (
+            not -LONGEST_INTERVAL <= time - self.newest.time <= LONGEST_PAUSE
+        ):
+            self.newest = None  # the clock was set: begin again
+        reach_time = time + self.following.lag
+        disturbance = self.correction.at(now, reach_time).position
+        if self.goal is None:
+            return None
+
+        if self.newest is None or self.following.is_off_path(now):
+            self._initialise(now, reach_time, disturbance, self.goal)
+        elif self.goal != self._reference.goal:
+            self._reference.retarget(reach_time, self.goal)
+        reference = self._reference.at(reach_time).position
+
+        interval = 0.0
+        if self.newest is not None:
+            interval = min(max(time - self.newest.time, 0.0), LONGEST_INTERVAL)
+        shifted = self._shift(now, reach_time, interval, reference, disturbance)
+        pose, error = self._workspace.saturate(
+            relative(disturbance, shifted), math.tan(disturbance.theta)
+        )
+
+        self.following.publish(time, pose)
+        uncertain = Pose(*(float(not known) for known in self.correction.known))
+        self.held_back.note(now, error, uncertain)
+        self.newest = CorrectedPose(
+            time, reach_time, pose, reference, disturbance, error
+        )
+        return self.newest
+
+    def _shift(
+        self,
+        now: float,
+        reach_time: float,
+        interval: float,
+        reference: Pose,
+        disturbance: Pose,
+    ) -> Pose:
+        """Return the reference [m, m, rad] with the shift of the contact."""
+        saturation_error = ZERO_POSE
+        if self.newest is not None:
+            saturation_error = self.newest.saturation_error
+        beyond = 0.0
+        if self.goal is not None:
+            beyond = reference.y - self.goal.y
+
+        silence = ''
+        if self.correction.is_silent(now):
+            cause = self.correction.silence_cause(now)
+            silence = f'no valid estimate for more than {SILENCE:g} s: {cause}'
+        elif self.correction.mode is CorrectionMode.SETTLING:
+            silence = self.correction.mode.value
+        elif not all(self.correction.known[1:]):
+            silence = 'the estimate of y or theta is too uncertain'
+
+        surroundings = Surroundings(
+            saturation_error,
+            disturbance.y,
+            silence,
+            beyond,
+            self.correction.fading.y,
+        )
+        return self.contact.shift(now, reach_time, interval, reference, surroundings)
+
+    def _initialise(
+        self, now: float, reach_time: float, disturbance: Pose, goal: Pose
+    ) -> None:
+        """Start the path at the head, or at the goal if the head's pose is unknown."""
+        self.following.begin(now)
+        self.initialisations += 1
+        start = goal
+        newest = self.following.newest(now)
+        if newest is not None:
+            _, head = newest
+            start = subtract(compose(disturbance, head), self.contact.present)
+        self._reference.initialise(reach_time, HeadMotion(start), goal)

@@ -1,0 +1,385 @@
+"""
+Node's side of the control loop: start of its process, requests, setpoints and states.
+
+Only the first start and `close` wait. The node reads the messages of the loop when it feeds the
+loop or takes states. A thread that waited for them would take the interpreter from the executor in
+each cycle. The node restarts a process that has ended only for the next `configure`: the drives
+have stopped, and the operator configures them again.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from itertools import count
+import math
+import signal
+import socket
+import subprocess
+import sys
+import time
+from typing import Any
+
+from facade_manipulator.control_loop.loop_channel import (
+    Channel,
+    channel_ends,
+    LoopSetup,
+)
+from facade_manipulator.drives.outcome import outcome_of
+from facade_manipulator.drives.snapshot import (
+    AxisSnapshot,
+    Cause,
+    ControllerSnapshot,
+    ControllerState,
+)
+from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError
+from facade_manipulator.motion.follower import StreamStatus
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.setpoints import Setpoint
+from facade_manipulator.package_files import import_path
+from facade_manipulator.timeouts import CLOSE_TIMEOUT
+
+START_TIMEOUT = 30.0  # s
+# feeds, 3 s: without a bus the loop sends a state each second. The bound is not a time, because a
+# node that hung itself finds old states of a healthy loop.
+MAX_UNANSWERED = 60
+# 30 s: a process takes long to start, some interfaces take long to open, and nothing runs then
+MAX_UNANSWERED_WITHOUT_BUS = {
+    ControllerState.LOST: 600,  # the state until a restarted loop sends its own
+    ControllerState.UNCONFIGURED: 600,
+    ControllerState.BUS_LOST: 600,
+}
+# without an answer: a loop that opens an interface reads nothing, and its channel must not fill
+MOST_FEEDS = 100
+MOST_STATES = 200  # that wait: those of two seconds
+HUNG = -signal.SIGALRM  # exit status of a loop that the alarm of the kernel has ended
+FEED_PERIOD = 0.05  # s; halt is answered within 0.1 s
+STOP = 'the drives stop because its heartbeat is missing'
+POWER_OFF = 'the drives that it had configured have confirmed that their power is off'
+LOST_REMEDY = 'read the cause in the log, then configure, home, activate'
+START = (  # the new interpreter imports from where this one does
+    'import sys; sys.path[:] = sys.argv[3:]; '
+    'from facade_manipulator.control_loop import control_loop; '
+    'sys.exit(control_loop.main(*map(int, sys.argv[1:3])))'
+)
+
+
+def start_process(*ends: socket.socket) -> subprocess.Popen[bytes]:
+    """
+    Start the loop in a separate process that inherits both sockets of a channel.
+
+    It is a new interpreter instead of a fork, without the threads, locks and libraries of this
+    process. It has its own session, so that the signals of a terminal reach only the node, which
+    then asks for an orderly end. It is isolated, so that neither the working directory nor a
+    user's folder of packages puts its own modules into the loop.
+    """
+    numbers = [end.fileno() for end in ends]
+    return subprocess.Popen(
+        [sys.executable, '-I', '-c', START, *map(str, numbers), *import_path()],
+        pass_fds=numbers,
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+
+#: takes the reply to a request: its result, or the error with which it failed
+OnReply = Callable[[Any], None]
+
+
+class LoopClient:
+    """
+    Interface of the node to the control loop, which one thread uses.
+
+    `on_rejection` takes reason and message of a setpoint that the loop has rejected. It is called
+    by `read`, as is the function that takes the reply to a request. The result of `launch` needs
+    only `wait` and `kill` of a process. Raises a ManipulatorError if the process does not start,
+    or its settings contradict each other.
+    """
+
+    def __init__(
+        self,
+        setup: LoopSetup,
+        on_rejection: Callable[[str, str], None],
+        launch: Callable[..., subprocess.Popen[bytes]] = start_process,
+    ) -> None:
+        setup.stopping.check()
+        self._setup = setup
+        self._on_rejection = on_rejection
+        self._launch = launch
+        self._numbers = count()
+        #: newest message of the loop
+        self._state: tuple[ControllerSnapshot, StreamStatus]
+        #: requests without a reply, by number
+        self._pending: dict[int, OnReply] = {}
+        #: replies that were received, and not passed on yet
+        self._replies: deque[tuple[OnReply, Any]] = deque()
+        # states that the node has not taken yet
+        self._states: deque[ControllerSnapshot] = deque(maxlen=MOST_STATES)
+        self._forbidden = ''
+        self._remedy = ''
+        self._close_due = math.inf  #: end of the time for `shut_down` [s, monotonic]
+        self._at_end: list[OnReply] = []
+        self._last_reply: Any = None  #: to `shut_down`
+        self.start()
+        self._wait_for_start()
+
+    def start(self) -> None:
+        """
+        Start a process, also after the end of the last; `read` receives its first state.
+
+        Raises a ManipulatorError if the system starts no process.
+        """
+        ours, theirs = channel_ends()
+        self._channel = Channel(*ours)
+        try:
+            self._process = self._launch(*theirs)
+        except OSError as error:
+            self._channel.close()
+            raise ManipulatorError(
+                f'the process of the control loop did not start: {error}; next: '
+                'end other programs on this computer'
+            ) from error
+        finally:
+            for end in theirs:
+                end.close()
+        self._unanswered = 0
+        self._is_lost = False
+        self._command('setup', self._setup)
+        self._command('forbid', self._forbidden, self._remedy)
+
+    def _wait_for_start(self) -> None:
+        """Wait for the first message of the loop."""
+        message = None
+        self._channel.wait(START_TIMEOUT)
+        with suppress(ConnectionError):
+            message = next(self._channel.commands(), None)
+        kind, content = message or ('', ())
+        if kind == 'started':
+            self._state = content
+            return
+        _end(self._process)
+        self._channel.close()
+        if kind == 'failed':
+            raise ParameterError(*content)
+        raise ManipulatorError(
+            'the process of the control loop did not start; next: read its output above'
+        )
+
+    # --- to the loop
+
+    def request(self, name: str, on_reply: OnReply) -> None:
+        """Request a transition or a test; `read` passes the reply to a function."""
+        number = next(self._numbers)
+        self._pending[number] = on_reply
+        if self._is_lost:
+            self._reject_pending(self.snapshot().cause or 'the control loop is closed')
+        else:
+            self._command('request', number, name)
+
+    def send_setpoint(self, setpoint: Setpoint) -> None:
+        """Pass a setpoint to the loop; `on_rejection` receives its rejection."""
+        self._channel.send('setpoint', *setpoint)
+
+    def feed(self) -> None:
+        """
+        Show that the node is alive, read the messages of the loop, and end a loop that hangs.
+
+        The loop runs only while this method is called. The node calls it last in its cycle, so
+        that an earlier exception ends the loop.
+        """
+        if self._unanswered < MOST_FEEDS:
+            self._command('feed')
+        self.read()
+        if self._is_lost:
+            return
+        self._unanswered += 1
+        bound = MAX_UNANSWERED_WITHOUT_BUS.get(self.snapshot().state, MAX_UNANSWERED)
+        if self._unanswered > bound:
+            _end(self._process)  # its drives miss the master's heartbeat and stop
+            self._lose(
+                f'the control loop has sent no state while it was fed '
+                f'{self._unanswered} times, above the limit {bound}, and was ended; {STOP}'
+            )
+        elif time.monotonic() > self._close_due:
+            self._end_closed(0.0)
+
+    def stop(self, cause: str) -> None:
+        """Quick stop all axes at once."""
+        self._command('stop', cause)
+
+    def forbid_power(self, cause: str, remedy: str = '') -> None:
+        """Forbid power, also to a loop that is started later, until a call with ``''``."""
+        if (cause, remedy) != (self._forbidden, self._remedy):
+            self._forbidden = cause
+            self._remedy = remedy
+            self._command('forbid', cause, remedy)
+
+    def check(self, limits: MotionLimits) -> None:
+        """Raise a ParameterError for limits with which carriages would touch."""
+        replace(self._setup, limits=limits).stopping.check()
+
+    def change(self, limits: MotionLimits) -> None:
+        """Replace the limits of motion, which were checked, from the next cycle."""
+        self._setup = replace(self._setup, limits=limits)
+        self._command('limits', limits)
+
+    def apply_forces(self, forces: Sequence[float]) -> None:
+        """Apply forces along the rail [N] to the carriages of simulated drives."""
+        self._channel.send('forces', *forces)
+
+    def _command(self, kind: str, *content: Any) -> None:
+        """Send a command, and end a loop that has not read the commands before it."""
+        if self._is_lost or self._channel.send(kind, *content):
+            return
+        _end(self._process)
+        self._lose(f'the control loop has not read its messages, and was ended; {STOP}')
+
+    # --- from the loop
+
+    def snapshot(self) -> ControllerSnapshot:
+        """Return the newest state of controller and axes."""
+        return self._state[0]
+
+    def stream_status(self) -> StreamStatus:
+        """Return the status of the setpoint stream."""
+        return self._state[1]
+
+    def take_states(self) -> list[ControllerSnapshot]:
+        """Return the states received since the last call, at most 100 per second."""
+        self.read()
+        states = [*self._states]
+        self._states.clear()
+        return states
+
+    def read(self) -> None:
+        """Receive the messages that the loop has sent, then pass the replies on."""
+        if not self._is_lost:
+            self._receive()
+        while self._replies:  # an exception of one leaves the others for the next call
+            on_reply, reply = self._replies.popleft()
+            on_reply(reply)
+
+    def _receive(self) -> None:
+        """Handle the messages that wait; states are newer than the replies before them."""
+        try:
+            for message in self._channel.commands():
+                self._handle(*message)
+            for message in self._channel.stream(MOST_STATES):
+                self._handle(*message)
+        except ConnectionError:
+            status = _end(self._process, 1.0)
+            end = 'has hung' if status == HUNG else 'has ended by itself'
+            self._lose(
+                f'the control loop {end}, exit status {status}; '
+                f'{POWER_OFF if status == 0 else STOP}'
+            )
+
+    def _handle(self, kind: str, content: tuple[Any, ...]) -> None:
+        """Handle a message of the loop, which shows that it works."""
+        self._unanswered = 0
+        if kind == 'started':
+            self._state = content
+        elif kind == 'state':
+            self._state = content
+            self._states.append(content[0])
+        elif kind == 'rejected':
+            self._on_rejection(*content)
+        elif kind == 'reply':
+            number, succeeded, answer = content
+            reply = answer if succeeded else DriveError(answer)
+            self._replies.append((self._pending.pop(number), reply))
+        elif kind == 'failed':  # a loop that was started again
+            _end(self._process, 1.0)
+            self._lose(f'the control loop did not start: {content[0]}')
+
+    def _lose(self, reason: str) -> None:
+        """Note the end of the process, and reject the requests without a reply."""
+        if self._is_lost:
+            return
+        snapshot, status = self._state
+        lost = ControllerSnapshot(
+            ControllerState.CLOSED,
+            None,
+            tuple(AxisSnapshot(one.name, one.node_id) for one in snapshot.axes),
+        )
+        if not self._is_closing:
+            lost = lost._replace(
+                state=ControllerState.LOST,
+                next_step=LOST_REMEDY,
+                causes=(Cause(reason, LOST_REMEDY),),
+            )
+        self._is_lost = True
+        self._state = (lost, status)
+        self._channel.close()
+        self._reject_pending(reason)
+
+    def _reject_pending(self, reason: str) -> None:
+        reason = outcome_of(self.snapshot()).with_next_step(reason)
+        for on_reply in self._pending.values():
+            self._replies.append((on_reply, DriveError(reason)))
+        self._pending.clear()
+
+    # --- the end
+
+    @property
+    def _is_closing(self) -> bool:
+        return self._close_due < math.inf
+
+    def shut_down(self, on_reply: OnReply) -> None:
+        """
+        Ramp down, power off, close the bus and end the process.
+
+        The reply is a DriveError if the power of a drive is not confirmed off.
+        """
+        if self._last_reply is not None:
+            self._replies.append((on_reply, self._last_reply))
+            return
+        self._at_end.append(on_reply)
+        if not self._is_closing:  # a signal may come while the node shuts down
+            extra_time = self._setup.extra_time
+            self._close_due = time.monotonic() + CLOSE_TIMEOUT + extra_time
+            self.request('close', self._finish)
+
+    def _finish(self, reply: Any) -> None:
+        """End the process after its last reply."""
+        self._end_closed(max(0.0, self._close_due - time.monotonic()))
+        self._last_reply = reply
+        self._replies += [(on_reply, reply) for on_reply in self._at_end]
+
+    def close(self) -> Any:
+        """
+        Shut down and wait for the end; return the last reply.
+
+        Raises a DriveError with the drives whose power is not confirmed off.
+        """
+        replies: list[Any] = []
+        self.shut_down(replies.append)
+        self.feed()
+        while not replies:
+            time.sleep(FEED_PERIOD)
+            self.feed()
+        if isinstance(replies[0], Exception):
+            raise replies[0]
+        return replies[0]
+
+    def _end_closed(self, timeout: float) -> None:
+        """End a loop that was shut down, after waiting for its own end [s]."""
+        if self._is_lost:
+            return
+        self._command('close')
+        _end(self._process, timeout)
+        self._lose(
+            'the control loop has not confirmed that the power of the drives is off'
+        )
+
+
+def _end(process: subprocess.Popen[bytes], timeout: float = 0.0) -> int | str:
+    """Wait for the end of a process, kill it after a timeout [s]; return its exit status."""
+    with suppress(subprocess.TimeoutExpired):
+        return process.wait(timeout)
+    process.kill()
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(1.0)  # collect the exit status, so that no zombie stays
+    return 'unknown, killed'

@@ -1,0 +1,362 @@
+"""
+Estimator of the rail's pose on the façade, from an IMU and sensors of the wall.
+
+An extended Kalman filter over the last 0.4 s, driven by the IMU: `model` has the equations,
+`history` puts late measurements in order, `channel` finds the level of the wall to which a
+measurement belongs.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.covariance import used_variance
+from facade_manipulator.estimation import rail_pose_model, start
+from facade_manipulator.estimation.estimator_settings import EstimatorSetup
+from facade_manipulator.estimation.history import History, mean_input, Measurement, Step
+from facade_manipulator.estimation.imu_checks import (
+    ImuGate,
+    LEAD,
+    OLDEST,
+    YawComparison,
+)
+from facade_manipulator.estimation.rail_pose_model import X, Y, YAW
+from facade_manipulator.estimation.wall_depth_levels import Channel, Level, OUTLIER
+from facade_manipulator.kinematics import Pose, Twist
+
+LONGEST_GAP = 0.5  # s between two calls, after which all axes restart
+# m², m², rad²: above these variances x, y and yaw count as unknown; ten times as much is then
+# published
+GIVEN_UP = (0.1, 0.1, 0.01)
+LOST = 1.0  # s without an accepted measurement, after which an axis restarts
+SILENCE = 0.1  # s without a measurement of the IMU, after which the filter coasts
+
+
+class EstimatorEvent(NamedTuple):
+    """Event of the estimator: its time [s] and a text that begins with the axis or the sensor."""
+
+    stamp: float
+    text: str
+
+
+class RailMotion(NamedTuple):
+    """Pose of the rail in `facade`, and its twist along the axes of `rail`."""
+
+    stamp: float  #: [s]
+    pose: Pose  #: [m, m, rad]
+    covariance: np.ndarray  #: of the pose, shape (3, 3)
+    twist: Twist  #: [m/s, m/s, rad/s]
+    twist_covariance: np.ndarray  #: shape (3, 3)
+
+
+class DisturbanceEstimator:
+    """
+    Extended Kalman filter for pose and velocity of the rail.
+
+    The node adds each measurement when it arrives, and calls `advance` in each cycle.
+    """
+
+    def __init__(self, setup: EstimatorSetup) -> None:
+        self._gate = ImuGate(setup.imu)
+        # each level once, the wall itself first; the distance sensors share them
+        offsets = dict.fromkeys((0.0, *setup.wall.levels))
+        levels = [Level(offset) for offset in offsets]
+        #: the sensors of the wall by their names
+        self.channels: dict[str, Channel] = {}
+        states: list[rail_pose_model.SensorState] = []
+        for sensor in rail_pose_model.make_sensors(setup):
+            is_distance = isinstance(sensor, rail_pose_model.DistanceSensor)
+            own_levels = levels if is_distance else [Level(0.0)]
+            self.channels[sensor.name] = Channel(sensor, own_levels)
+            states += sensor.states
+        self._middle = rail_pose_model.pose_sensors(
+            'rail', (0.0, 0.0, 0.0), 0.0, setup.imu
+        )
+        self._process = rail_pose_model.Process(setup.imu, states)
+        #: the newest events: (re)starts of axes, new levels, loss and return of the IMU
+        self.events: deque[EstimatorEvent] = deque(maxlen=50)
+        #: a wrong connection or unit, after which no estimates are published
+        self.fault = ''
+        self._now = -math.inf
+        self._reset()
+
+    def _reset(self, reason: str = '') -> None:
+        """Restart all axes; record the reason as an event if any axis had started."""
+        if reason:
+            self._note('all', f'{reason}: all axes restart')
+        self._history = History(self._process, self._correct, self._now - OLDEST)
+        self._gate.reset()
+        self._comparison = YawComparison()
+        self.started: set[int] = set()  #: axes that are known
+        self.is_coasting = True  #: whether the filter runs without the IMU
+        for channel in self.channels.values():
+            channel.reset()
+
+    def _set_time(self, now: float) -> None:
+        """Set the present time [s]; reset everything if the clock was set."""
+        elapsed = now - self._now
+        if not -LEAD <= elapsed <= LONGEST_GAP:
+            self._now = now
+            is_first = not math.isfinite(elapsed)
+            self._reset('' if is_first else f'the clock advanced by {elapsed:.3f} s')
+        self._now = max(now, self._now)
+
+    def add_imu(
+        self, now: float, stamp: float, rates: Sequence[float], forces: Sequence[float]
+    ) -> None:
+        """
+        Add turning rates [rad/s] and specific forces [m/s²] along the axes of the IMU.
+
+        The filter uses the mean of this and the previous measurement for the time between them.
+        The comparison of yaws integrates the turning rate about z.
+
+        Raises the InputErrors of `ImuGate.check`.
+        """
+        self._set_time(now)
+        before = self._gate.stamp
+        last = self._gate.newest
+        stamp, newest = self._gate.check(now, stamp, rates, forces)
+        mean = mean_input(last or newest, newest, 0.5)
+        # The first interval is infinite; any value will do, because only changes are compared.
+        self._comparison.turned += newest[2] * min(stamp - before, SILENCE)
+        if self.is_coasting:
+            self.is_coasting = False
+            self._note('imu', 'measuring')
+        if stamp > self._history.oldest:
+            self._history.add_input(stamp, mean)
+
+    def add(
+        self,
+        name: str,
+        now: float,
+        stamp: float,
+        value: float,
+        variance: float = 0.0,
+    ) -> None:
+        """
+        Add a measurement [m or rad] of a sensor, with its variance [m² or rad²], 0 if unknown.
+
+        Raises
+        ------
+        InputError
+            With reason ``'not_finite'``, ``'unit'``, ``'stale'``, ``'future'`` or
+            ``'out_of_order'``.
+
+        """
+        self._set_time(now)
+        channel = self.channels[name]
+        sensor = channel.sensor
+        stamp = channel.receive(now, stamp, value)
+        if isinstance(sensor, rail_pose_model.DistanceSensor) and not self.fault:
+            place = sensor.lever[0]
+            self.fault = self._comparison.add_distance(place, stamp, value)
+            if self.fault:
+                self._note('all', self.fault)
+
+        if not self.started.issuperset(sensor.axes):
+            channel.first.add(stamp, value)
+        elif stamp > self._history.oldest:
+            variance = used_variance(variance, sensor.noise)
+            self._history.add_measurement(Measurement(name, stamp, value, variance))
+
+    def advance(self, now: float) -> RailMotion | None:
+        """Return the newest motion of the rail; None before the first start or after a fault."""
+        self._set_time(now)
+        # by arrival: stamps of a late IMU would always seem old
+        silence = now - self._gate.arrival
+        if silence > SILENCE:
+            if not self.is_coasting:
+                self.is_coasting = True
+                self._note(
+                    'imu', f'silent for {silence:.2f} s: the filter runs without it'
+                )
+            self._history.add_input(self._now, None)
+
+        for group in self._groups():
+            if not self.started.issuperset(group[0].sensor.axes):
+                self._start(group)
+        self._give_up_lost_axes()
+        if self.fault or not self.started:
+            return None
+        return self._motion(self._history.update())
+
+    def delays(self) -> dict[str, tuple[float, float]]:
+        """Return the estimated delay of each fix and its standard deviation [s]."""
+        mean, covariance = self._history.update().state
+        delays = {}
+        for name, channel in self.channels.items():
+            sensor = channel.sensor
+            if isinstance(sensor, rail_pose_model.FeatureSensor):
+                index = sensor.first + 1
+                deviation = math.sqrt(covariance[index, index])
+                delays[name] = (sensor.delay + float(mean[index]), deviation)
+        return delays
+
+    def _groups(self) -> list[list[Channel]]:
+        """Return the sensors that start together: all distances, and each other sensor."""
+        distances = self._distances
+        groups = [distances] if distances else []
+        for channel in self.channels.values():
+            if channel not in distances:
+                groups.append([channel])
+        return groups
+
+    @property
+    def _distances(self) -> list[Channel]:
+        """Return the distance sensors, which measure the same axes and share their levels."""
+        found = []
+        for channel in self.channels.values():
+            if isinstance(channel.sensor, rail_pose_model.DistanceSensor):
+                found.append(channel)
+        return found
+
+    def _correct(
+        self, step: Step, measurement: Measurement
+    ) -> rail_pose_model.FilterState:
+        """Return the state of a step after the update with a measurement."""
+        state = step.state
+        channel = self.channels[measurement.sensor]
+        if measurement.level != OUTLIER:
+            later = measurement.stamp - step.stamp
+            expected, jacobian = channel.sensor.expect(state.mean.tolist(), later)
+            # dot() takes half the time of @ for vectors
+            cross = state.covariance.dot(jacobian)
+            variance = max(float(cross.dot(jacobian)), 0.0) + measurement.variance
+            residual = measurement.value - expected
+            if math.isnan(measurement.level):
+                deviation = math.sqrt(variance)
+                event = channel.decide(measurement, residual, deviation, not step.imu)
+                if event:
+                    self._note(measurement.sensor, event)
+            if measurement.level != OUTLIER:
+                residual -= measurement.level
+                return rail_pose_model.update(state, cross, variance, residual)
+
+        if measurement.spread:
+            covariance = state.covariance.copy()
+            axes = channel.sensor.axes
+            covariance[axes, axes] += measurement.spread**2
+            state = rail_pose_model.FilterState(state.mean, covariance)
+        return state
+
+    def _start(self, group: list[Channel]) -> None:
+        """Start the axes of a group of sensors once enough measurements have arrived."""
+        ready = [one for one in group if one.first.suffice(self._now)]
+        begin = min(one.first.begin for one in group)
+        is_waiting = len(ready) < len(group) and self._now - begin < start.PATIENCE
+        if not ready or is_waiting:
+            return
+        sensor = ready[0].sensor
+        is_feature = isinstance(sensor, rail_pose_model.FeatureSensor)
+        if is_feature and self._distances and not sensor.distance:
+            return  # the place of the feature depends on it
+
+        names = ', '.join(one.sensor.name for one in ready)
+        state = self._process.forget(self._history.update().state, sensor.axes)
+        if isinstance(sensor, rail_pose_model.DistanceSensor):
+            self._place_before_wall(state, ready)
+            names += f', {1e3 * sensor.distance:.0f} mm from the wall'
+        else:
+            self._place_at(state, sensor, ready[0].first.densest())
+        self._history.restart(state)
+        self._note(_names(sensor.axes), f'started by {names}')
+        self.started.update(sensor.axes)
+
+        for channel in self.channels.values():
+            channel.sensor.distance = channel.sensor.distance or sensor.distance
+            if not set(sensor.axes).isdisjoint(channel.sensor.axes):
+                channel.first = start.FirstMeasurements()
+                channel.fitted = self._now
+
+    def _place_before_wall(
+        self, state: rail_pose_model.FilterState, ready: Sequence[Channel]
+    ) -> None:
+        """Set y and yaw of a state, and the distance of the wall, by the distance sensors."""
+        middle = self._middle[X].lever
+        mountings = np.subtract([one.sensor.lever for one in ready], middle)
+        values = [one.first.densest() for one in ready]
+        offsets = [level.offset for level in ready[0].levels]
+        sensor = ready[0].sensor
+        sensor.distance, y, yaw = start.start_at_wall(
+            sensor.distance, mountings, values, offsets
+        )
+        state.mean[YAW] = yaw
+        state.mean[Y] += self._middle[Y].shift(state.mean, y)
+
+    def _place_at(
+        self,
+        state: rail_pose_model.FilterState,
+        sensor: rail_pose_model.WallSensor,
+        value: float,
+    ) -> None:
+        """Set the axis of a state that a sensor measures, so that it explains a measurement."""
+        if isinstance(sensor, rail_pose_model.FeatureSensor) and not sensor.feature:
+            # the rail is at 0, and the feature is where the sensor sees it
+            state.mean[X] += self._middle[X].shift(state.mean, 0.0)
+            sensor.feature -= sensor.shift(state.mean, value)
+        state.mean[sensor.axes[0]] += sensor.shift(state.mean, value)
+
+    def _give_up_lost_axes(self) -> None:
+        """Restart axes without a measurement, or without an accepted one, for too long."""
+        variances = self._history.update().state.covariance.diagonal().tolist()
+        if not min(variances) >= 0.0:
+            self._reset('the filter has diverged')
+            return
+        for axis in (X, Y, YAW):
+            # Rounding of the variance of an unknown axis would corrupt the other axes.
+            if variances[axis] > GIVEN_UP[axis]:
+                reason = 'restarted: not measured for too long'
+            elif axis in self.started and self._is_locked_out(axis):
+                reason = f'restarted: no measurement was accepted for {LOST:g} s'
+            else:
+                continue
+            axes = (Y, YAW) if axis != X and self._distances else (axis,)
+            state = self._process.forget(self._history.update().state, axes)
+            self._history.restart(state)
+            if axis in self.started:
+                self._note(_names(axes), reason)
+                self.started.difference_update(axes)
+
+    def _is_locked_out(self, axis: int) -> bool:
+        """Return whether all measurements of an axis have been rejected for `LOST` [s]."""
+        channels = [one for one in self.channels.values() if axis in one.sensor.axes]
+        is_measured = any(one.stamp - one.fitted > LOST for one in channels)
+        return is_measured and all(self._now - one.fitted > LOST for one in channels)
+
+    def _motion(self, step: Step) -> RailMotion:
+        """Return the motion of the rail's middle [m, rad, s]."""
+        mean, covariance = step.state
+        values = mean.tolist()
+        by_state = np.zeros((6, len(mean)))  # derivatives of pose and twist
+        pose = []
+        for axis, sensor in enumerate(self._middle):
+            value, by_state[axis] = sensor.expect(values, 0.0)
+            pose.append(value)
+
+        # velocity of the middle along the axes of the rail: R(ψ)ᵀ v + ψ̇ × lever
+        x, y, _ = self._middle[X].lever
+        cosine = math.cos(pose[YAW])
+        sine = math.sin(pose[YAW])
+        by_state[3, rail_pose_model.RATES] = (cosine, sine, -y)
+        by_state[4, rail_pose_model.RATES] = (-sine, cosine, x)
+        by_state[5, rail_pose_model.RATES] = (0.0, 0.0, 1.0)
+        twist = (by_state[3:] @ mean).tolist()
+
+        both = by_state @ covariance @ by_state.T
+        for axis in {X, Y, YAW} - self.started:
+            both[axis, axis] += 10.0 * GIVEN_UP[axis]
+        return RailMotion(
+            step.stamp, Pose(*pose), both[:3, :3], Twist(*twist), both[3:, 3:]
+        )
+
+    def _note(self, subject: str, reason: str) -> None:
+        self.events.append(EstimatorEvent(self._now, f'{subject}: {reason}'))
+
+
+def _names(axes: Sequence[int]) -> str:
+    return ', '.join(Pose._fields[axis] for axis in axes)

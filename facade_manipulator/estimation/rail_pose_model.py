@@ -1,0 +1,414 @@
+"""
+Model of the filter: state vector, motion between two inputs of the IMU, and measurements.
+
+The state is that of the IMU: position and velocity along the axes of `facade`, yaw ψ, acceleration
+a along the axes of the rail, yaw rate, tilts θ about the rail's x and y, biases of gyroscopes and
+accelerometers. The attitude is the turn ψ about z, then the turn (θ_x, θ_y, 0) about an axis in
+the plane of the rail. Each sensor of the wall adds its own states: the error of the place that it
+measures, and the unknown part of its delay. With the turning rates ω and the specific forces f of
+the IMU less their biases, and without terms of higher order in θ,
+
+    v̇ = R(ψ) a,  a = f + f_z (θ_y, −θ_x),  ψ̇ = ω_z + (θ_x ω_y − θ_y ω_x) / 2,
+    θ̇_x = ω_x + ω_z θ_y,  θ̇_y = ω_y − ω_z θ_x.
+
+Without an IMU the filter coasts: the yaw rate is a random walk, and acceleration and tilts are
+Gauss-Markov processes about 0 (R. A. Singer, “Estimating optimal tracking filter performance for
+manned maneuvering targets”, IEEE Trans. AES 6 (1970) 473–483).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.estimation.estimator_settings import EstimatorSetup, ImuSettings
+from facade_manipulator.kinematics import Pose
+
+(
+    X,
+    Y,
+    YAW,
+    VX,
+    VY,
+    AX,
+    AY,
+    YAW_RATE,
+    TILT_X,
+    TILT_Y,
+    GYROSCOPE_X,
+    GYROSCOPE_Y,
+    GYROSCOPE_Z,
+    ACCELEROMETER_X,
+    ACCELEROMETER_Y,
+) = range(15)
+SENSORS = 15  # index of the first state of a sensor of the wall
+RATES = [VX, VY, YAW_RATE]
+TILTS = slice(TILT_X, GYROSCOPE_X)
+GYROSCOPES = slice(GYROSCOPE_X, ACCELEROMETER_X)
+ACCELEROMETERS = slice(ACCELEROMETER_X, SENSORS)
+WITH_IMU, COASTING = range(2)
+# Variances of x, y, yaw and velocity when an axis starts:
+POSE_ON_START = (0.015**2, 0.015**2, 0.05**2)
+VELOCITY_ON_START = 0.15**2
+TILT = 3e-3  # rad, standard deviation from level
+TILT_TIME = 1.0  # s, correlation time of the tilts
+# Standard deviations of the biases at start. The filter also finds the biases of a consumer IMU,
+# three times as large. It could not separate a larger accelerometer bias from tilt.
+GYROSCOPE_BIAS = 0.01  # rad/s
+ACCELEROMETER_BIAS = 0.1  # m/s²
+# Random walk of the biases: 10 °/h and 0.1 mg of an industrial IMU in the minutes of a warm-up
+GYROSCOPE_WALK = 5e-6  # rad/s/√s
+ACCELEROMETER_WALK = 1e-4  # m/s²/√s
+# Hz, of the noise in yaw rate and acceleration: about one divided by a step
+BANDWIDTH = 100.0
+# Without an IMU, of a gondola in gusts:
+ACCELERATION = 0.12  # m/s², standard deviation
+ACCELERATION_TIME = 0.6  # s, correlation time
+YAW_ACCELERATION = 6e-3  # rad/s²/√Hz
+# s, correlation time of the delay of a fix: for a constant delay the variance would fall to 0,
+# although errors of the model look like a delay
+DELAY_TIME = 60.0
+PLACE_LENGTH = 0.02  # m, correlation length of the errors of places on the wall
+
+#: Turning rates [rad/s] and specific forces [m/s²] along the rail's axes; None without an IMU.
+ImuInput = tuple[float, ...] | None
+
+
+class FilterState(NamedTuple):
+    """Mean and covariance of the state vector."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+class SensorState(NamedTuple):
+    """Standard deviation of a state of a sensor, and the correlation length [m] and time [s]."""
+
+    deviation: float
+    length: float = math.inf
+    time: float = math.inf
+
+
+def update(
+    state: FilterState, cross: np.ndarray, variance: float, residual: float
+) -> FilterState:
+    """
+    Return the state after a scalar measurement.
+
+    `cross` is P Hᵀ, the covariance of state and measurement; `variance` is H P Hᵀ + R.
+    """
+    mean = state.mean + cross * (residual / variance)
+    reduction = np.multiply.outer(cross, cross / variance)
+    return FilterState(mean, state.covariance - reduction)
+
+
+class Process:
+    """
+    Motion of the state vector for one IMU and one set of sensors.
+
+    In addition to the motion, states decay over time and distance, and process noise keeps their
+    variances (Gauss-Markov processes). Accelerations and tilts decay only without an IMU.
+    """
+
+    def __init__(self, imu: ImuSettings, sensors: Sequence[SensorState]) -> None:
+        # variances at the start
+        self._variances = np.zeros(SENSORS + len(sensors))
+        self._variances[[X, Y, YAW]] = POSE_ON_START
+        self._variances[[VX, VY]] = VELOCITY_ON_START
+        self._variances[[AX, AY]] = ACCELERATION**2
+        self._variances[YAW_RATE] = 1e-4
+        self._variances[TILTS] = TILT**2
+        self._variances[GYROSCOPES] = GYROSCOPE_BIAS**2
+        self._variances[ACCELEROMETERS] = ACCELEROMETER_BIAS**2
+        self._variances[SENSORS:] = [sensor.deviation**2 for sensor in sensors]
+
+        # rates of the decay [1/m and 1/s], the latter with an IMU and without
+        self._by_distance = np.zeros(len(self._variances))
+        self._by_distance[SENSORS:] = [1.0 / sensor.length for sensor in sensors]
+        self._by_time = np.zeros((2, len(self._variances)))
+        self._by_time[:, SENSORS:] = [1.0 / sensor.time for sensor in sensors]
+        self._by_time[COASTING, [AX, AY]] = 1.0 / ACCELERATION_TIME
+        self._by_time[COASTING, TILTS] = 1.0 / TILT_TIME
+
+        # process noise [per second], with an IMU and without
+        self._walk = np.zeros((2, len(self._variances)))
+        self._walk[:, GYROSCOPES] = GYROSCOPE_WALK**2
+        self._walk[:, ACCELEROMETERS] = ACCELEROMETER_WALK**2
+        self._walk[COASTING, YAW_RATE] = YAW_ACCELERATION**2
+        self._walk[WITH_IMU, [YAW, TILT_X, TILT_Y]] = imu.gyroscope_noise**2
+        self._walk[WITH_IMU, [VX, VY]] = imu.accelerometer_noise**2
+        self._walk[WITH_IMU, YAW_RATE] = (BANDWIDTH * imu.gyroscope_noise) ** 2
+        self._walk[WITH_IMU, [AX, AY]] = (BANDWIDTH * imu.accelerometer_noise) ** 2
+
+    def initial_state(self) -> FilterState:
+        """Return the state before the first measurement."""
+        return FilterState(np.zeros(len(self._variances)), np.diag(self._variances))
+
+    def forget(self, state: FilterState, axes: Sequence[int]) -> FilterState:
+        """Return a state without knowledge of the given axes and their velocities."""
+        kept = np.ones(len(self._variances))
+        kept[[*axes, *(RATES[axis] for axis in axes)]] = 0.0
+        covariance = np.outer(kept, kept) * state.covariance
+        fresh = np.diag((1.0 - kept) * self._variances)
+        return FilterState(kept * state.mean, covariance + fresh)
+
+    def propagate(self, state: FilterState, imu: ImuInput, step: float) -> FilterState:
+        """Return the state after a step [s] with the input of the IMU, if any."""
+        mean, transition, noise = self.move(state.mean, imu, step)
+        # dot() takes two thirds of the time of @.
+        covariance: np.ndarray = transition.dot(state.covariance).dot(transition.T)
+        covariance = 0.5 * (covariance + covariance.T)  # an asymmetric part would grow
+        covariance.reshape(-1)[:: len(mean) + 1] += noise
+        return FilterState(mean, covariance)
+
+    def move(
+        self, before: np.ndarray, imu: ImuInput, step: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return mean, transition matrix and variances of the process noise after a step [s]."""
+        x, y, yaw, vx, vy, ax, ay, wz, tilt_x, tilt_y, *biases = before[
+            :SENSORS
+        ].tolist()
+        mode = WITH_IMU if imu else COASTING
+        speed = math.hypot(vx, vy)
+        decays = np.exp(-step * (speed * self._by_distance + self._by_time[mode]))
+        noise = step * self._walk[mode] + self._variances * (1.0 - decays**2)
+        mean = decays * before
+        transition = np.diag(decays)
+
+        # ψ̇ and a: measured by the IMU, or those of the state
+        if imu:
+            wx, wy, wz, fx, fy, fz = imu
+            wx -= biases[0]
+            wy -= biases[1]
+            wz -= biases[2]
+            ax = fx - biases[3] + fz * tilt_y
+            ay = fy - biases[4] - fz * tilt_x
+        turn = wz * step
+
+        # v̇ = R(ψ) a, with ψ in the middle of the step
+        middle = yaw + 0.5 * wz * step
+        cosine = step * math.cos(middle)
+        sine = step * math.sin(middle)
+        dvx = cosine * ax - sine * ay
+        dvy = sine * ax + cosine * ay
+        transition[X, VX] = step
+        transition[Y, VY] = step
+        transition[VX, YAW] = -dvy
+        transition[VY, YAW] = dvx
+
+        if imu:
+            _set_imu_derivatives(transition, step, turn, cosine, sine, fz)
+            yaw += 0.5 * (tilt_x * wy - tilt_y * wx) * step
+            mean[[AX, AY, YAW_RATE]] = (ax, ay, wz)
+            mean[TILT_X] = tilt_x + wx * step + turn * tilt_y
+            mean[TILT_Y] = tilt_y + wy * step - turn * tilt_x
+        else:
+            transition[YAW, YAW_RATE] = step
+            transition[VX, AX] = cosine
+            transition[VX, AY] = -sine
+            transition[VY, AX] = sine
+            transition[VY, AY] = cosine
+
+        mean[X] = x + (vx + 0.5 * dvx) * step
+        mean[Y] = y + (vy + 0.5 * dvy) * step
+        mean[YAW] = yaw + turn
+        mean[VX] = vx + dvx
+        mean[VY] = vy + dvy
+        return mean, transition, noise
+
+
+def _set_imu_derivatives(
+    transition: np.ndarray,
+    step: float,
+    turn: float,
+    cosine: float,
+    sine: float,
+    fz: float,
+) -> None:
+    """Set the derivatives by biases and tilts in a transition matrix of a step with an IMU [s]."""
+    transition[YAW, GYROSCOPE_Z] = -step
+
+    # v + R(ψ) a step: cosine and sine include the step
+    transition[VX, TILT_X] = sine * fz
+    transition[VX, TILT_Y] = cosine * fz
+    transition[VY, TILT_X] = -cosine * fz
+    transition[VY, TILT_Y] = sine * fz
+    transition[VX, ACCELEROMETER_X] = -cosine
+    transition[VX, ACCELEROMETER_Y] = sine
+    transition[VY, ACCELEROMETER_X] = -sine
+    transition[VY, ACCELEROMETER_Y] = -cosine
+
+    # a = f + f_z (θ_y, −θ_x) and ω_z are measured anew
+    transition[AX, AX] = 0.0
+    transition[AY, AY] = 0.0
+    transition[YAW_RATE, YAW_RATE] = 0.0
+    transition[AX, ACCELEROMETER_X] = -1.0
+    transition[AY, ACCELEROMETER_Y] = -1.0
+    transition[AX, TILT_Y] = fz
+    transition[AY, TILT_X] = -fz
+    transition[YAW_RATE, GYROSCOPE_Z] = -1.0
+
+    # θ + (ω_x + ω_z θ_y, ω_y − ω_z θ_x) step
+    transition[TILT_X, TILT_Y] = turn
+    transition[TILT_Y, TILT_X] = -turn
+    transition[TILT_X, GYROSCOPE_X] = -step
+    transition[TILT_Y, GYROSCOPE_Y] = -step
+
+
+@dataclass
+class WallSensor(ABC):
+    """
+    Sensor that measures one number of its pose in front of the wall.
+
+    A sensor may add states: the error of the measured place, then that of its delay.
+    """
+
+    name: str
+    axes: tuple[int, ...]  #: measured; the sensor is not used before they have started
+    noise: float  #: standard deviation of a measurement [m or rad]
+    delay: float  #: delay of the stamps [s]
+    lever: Sequence[float]  #: from the IMU to the sensor, along the rail's axes [m]
+    distance: float  #: of the wall from the rail at rest [m]; 0 is unknown
+    first: int = SENSORS  #: index of the first state of the sensor in the state vector
+    states: tuple[SensorState, ...] = ()  #: states that the sensor adds
+
+    @abstractmethod
+    def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
+        """Return the measurement at a pose of the sensor, and its derivatives by the pose."""
+
+    def expect(self, mean: Sequence[float], later: float) -> tuple[float, np.ndarray]:
+        """Return the expected measurement `later` [s] after a state, and its Jacobian."""
+        x, y, yaw, vx, vy, _, _, yaw_rate, tilt_x, tilt_y = mean[:GYROSCOPE_X]
+        own = slice(self.first, self.first + len(self.states))
+        place, delay = (*mean[own], 0.0, 0.0)[:2]
+        later -= delay
+        yaw += later * yaw_rate
+
+        # pose of the sensor: p + R(ψ) lever, and the lever's z times the tilts
+        sx, sy, sz = self.lever
+        cosine = math.cos(yaw)
+        sine = math.sin(yaw)
+        along = cosine * sx - sine * sy
+        across = sine * sx + cosine * sy
+        expected, (by_x, by_y, by_yaw) = self.observe(
+            x + later * vx + along + tilt_y * sz,
+            y + later * vy + across - tilt_x * sz,
+            yaw,
+        )
+        by_yaw += by_y * along - by_x * across  # of the IMU
+
+        jacobian = np.zeros(len(mean))
+        jacobian[[X, Y, YAW]] = (by_x, by_y, by_yaw)
+        jacobian[RATES] = (later * by_x, later * by_y, later * by_yaw)
+        jacobian[TILT_X] = -sz * by_y
+        jacobian[TILT_Y] = sz * by_x
+        by_delay = -by_x * vx - by_y * vy - by_yaw * yaw_rate
+        jacobian[own] = (1.0, by_delay)[: len(self.states)]
+        return expected + place, jacobian
+
+    def shift(self, mean: np.ndarray, value: float) -> float:
+        """Return the change of the measured axis [m or rad] that explains a measurement."""
+        expected, jacobian = self.expect(mean.tolist(), 0.0)
+        return (value - expected) / float(jacobian[self.axes[0]])
+
+
+class DistanceSensor(WallSensor):
+    """Sensor of the distance D of the wall along the rail's y [m]."""
+
+    def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
+        """Return (D − y) / cos ψ [m] and its derivatives."""
+        cosine = math.cos(yaw)
+        distance = (self.distance - y) / cosine
+        return distance, (0.0, -1.0 / cosine, distance * math.tan(yaw))
+
+
+@dataclass
+class FeatureSensor(WallSensor):
+    """Sensor of the place of a feature F of the wall along the rail's x."""
+
+    feature: float = 0.0  #: place of the feature on the wall [m]; 0 is unknown
+
+    def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
+        """Return R(ψ)ᵀ (F − p) along x [m] and its derivatives."""
+        cosine = math.cos(yaw)
+        sine = math.sin(yaw)
+        along = self.feature - x
+        across = self.distance - y
+        by_yaw = cosine * across - sine * along
+        return cosine * along + sine * across, (-cosine, -sine, by_yaw)
+
+
+class PoseSensor(WallSensor):
+    """Sensor of one axis of the pose of the rail's middle."""
+
+    def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
+        """Return the rail's x, y [m] or yaw [rad] and its derivatives."""
+        (axis,) = self.axes
+        derivatives = [0.0, 0.0, 0.0]
+        derivatives[axis] = 1.0
+        return (x, y, yaw)[axis], derivatives
+
+
+def lever(imu: ImuSettings, mounting: Sequence[float]) -> list[float]:
+    """Return the position of a sensor relative to the IMU [m]."""
+    return [there - here for there, here in zip(mounting, imu.mounting, strict=False)]
+
+
+def pose_sensors(
+    name: str, noises: Sequence[float], delay: float, imu: ImuSettings
+) -> list[WallSensor]:
+    """Return the sensors of the rail's middle: x, y, yaw; noises [m, m, rad], delay [s]."""
+    place = lever(imu, (0.0, 0.0, 0.0))
+    sensors: list[WallSensor] = []
+    for axis, noise in enumerate(noises):
+        full_name = f'{name}.{Pose._fields[axis]}'
+        sensors.append(PoseSensor(full_name, (axis,), noise, delay, place, 0.0))
+    return sensors
+
+
+def make_sensors(setup: EstimatorSetup) -> list[WallSensor]:
+    """Return the sensors of the wall, each with the index of its states."""
+    sensors: list[WallSensor] = []
+    first = SENSORS  # index of the next sensor's first state
+    for name, one in setup.distances.items():
+        place = SensorState(one.place_noise, PLACE_LENGTH)
+        sensors.append(
+            DistanceSensor(
+                name=name,
+                axes=(Y, YAW),
+                noise=one.noise,
+                delay=one.delay,
+                lever=lever(setup.imu, one.mounting),
+                distance=setup.wall.distance,
+                first=first,
+                states=(place,),
+            )
+        )
+        first += 1
+
+    for name, fix in setup.fixes.items():
+        place = SensorState(fix.place_noise, PLACE_LENGTH)
+        delay = SensorState(fix.delay_error, time=DELAY_TIME)
+        sensors.append(
+            FeatureSensor(
+                name=name,
+                axes=(X,),
+                noise=fix.noise,
+                delay=fix.delay,
+                lever=lever(setup.imu, fix.mounting),
+                distance=setup.wall.distance,
+                first=first,
+                states=(place, delay),
+                feature=fix.feature,
+            )
+        )
+        first += 2
+
+    for name, pose in setup.poses.items():
+        sensors += pose_sensors(name, pose.noise, pose.delay, setup.imu)
+    return sensors

@@ -1,0 +1,159 @@
+"""
+One sensor of the wall: assign each measurement to a level of the wall, or reject it.
+
+Beyond an edge, such as that of a mullion, all measurements of a sensor have the same offset.
+An outlier gate without levels would either follow the offset or reject the sensor.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from facade_manipulator.errors import InputError, require_recent
+from facade_manipulator.estimation.history import Measurement
+from facade_manipulator.estimation.imu_checks import LEAD, OLDEST
+from facade_manipulator.estimation.rail_pose_model import WallSensor
+from facade_manipulator.estimation.start import FirstMeasurements
+
+GATE = 4.0  # standard deviations: rejects 1 of 16 000 good measurements
+COASTING_GATE = 10.0  # without an IMU, because only an IMU shows a push
+# minimum distance of a new level from each known one, in standard deviations
+NEW_LEVEL = 8.0
+# m or rad, minimum between two levels: less than a mullion, more than a joint
+NEAREST = 3e-3
+TOLERANCE = 6.0  # standard deviations of the noise, within which measurements agree
+AGREEMENT = 0.8  # share of the measurements that make a level
+SPAN = 0.25  # s, of these measurements
+FEWEST = 4  # minimum number of these measurements
+MOST = 12  # levels that are kept
+LARGEST = 20.0  # m: a larger distance was sent in another unit
+OUTLIER = math.inf
+# weight of a new measurement in running means: about the last 50 count
+SMOOTHING = 0.02
+
+
+@dataclass
+class Level:
+    """Surface, such as a recess or a mullion, at an offset [m] behind the wall."""
+
+    offset: float
+    count: float = math.inf  #: number of averaged measurements; infinite if configured
+
+
+class Channel:
+    """Sensor of the wall: its levels, which the distance sensors share, and its statistics."""
+
+    def __init__(self, sensor: WallSensor, levels: list[Level]) -> None:
+        self.sensor = sensor
+        self.levels = levels
+        #: of measurements by 'used', 'other level', …
+        self.counts: Counter[str] = Counter()
+        self.period = math.nan  #: mean time between measurements [s]
+        self.age = math.nan  #: mean age of measurements on arrival [s]
+        #: mean normalised innovation squared: 1 if the noise is right
+        self.square = 1.0
+        self._tolerance = max(NEAREST, TOLERANCE * sensor.noise)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all measurements of the sensor."""
+        self.first = FirstMeasurements()  # until the axes have started
+        self.stamp = -math.inf  #: of the newest measurement [s]
+        #: of the newest measurement that belonged to a level [s]
+        self.fitted = -math.inf
+        # stamp, residual (NaN: accepted)
+        self._recent: deque[tuple[float, float]] = deque()
+
+    def receive(self, now: float, stamp: float, value: float) -> float:
+        """Return the time of measurement [s]; raise an InputError for a bad value or stamp."""
+        sensor = self.sensor
+        if not math.isfinite(value):
+            raise InputError.not_finite(sensor.name, value)
+        if abs(value) > LARGEST:
+            raise InputError(
+                'unit',
+                f'{sensor.name} rejected: {value:.4g} m is beyond the '
+                f'limit {LARGEST:g} m; next: publish it in metres',
+            )
+        stamp -= sensor.delay
+        require_recent(sensor.name, now - stamp, OLDEST, LEAD)
+        if stamp <= self.stamp:
+            raise InputError.out_of_order(sensor.name, self.stamp - stamp)
+        self.period = _mean(self.period, stamp - self.stamp)
+        self.age = _mean(self.age, now - stamp)
+        self.stamp = stamp
+        return stamp
+
+    def decide(
+        self,
+        measurement: Measurement,
+        residual: float,
+        deviation: float,
+        is_coasting: bool,
+    ) -> str:
+        """
+        Assign a measurement to a level of the wall, and return the event, if any.
+
+        The residual and its standard deviation are in m or rad.
+        Outliers that agree for a quarter of a second become a new level if they are far from all
+        known levels. Otherwise the estimate is wrong, and `spread` increases its variance.
+        """
+        stamp = measurement.stamp
+        level = min(self.levels, key=lambda one: abs(residual - one.offset))
+        rest = residual - level.offset
+        gate = COASTING_GATE if is_coasting else GATE
+        fits = abs(rest) <= gate * deviation
+        self._recent.append((stamp, math.nan if fits else residual))
+        while stamp - self._recent[0][0] > SPAN * 1.2:
+            self._recent.popleft()
+
+        if fits:
+            self.counts['used' if level.offset == 0.0 else 'other level'] += 1
+            self.fitted = stamp
+            self.square = _mean(self.square, (rest / deviation) ** 2)
+            level.count += 1
+            level.offset += rest / level.count
+            measurement.level = level.offset
+            return ''
+
+        self.counts['outlier'] += 1
+        measurement.level = OUTLIER
+        agreed = self._agreed_residual()
+        if agreed is None:
+            return ''
+        self._recent.clear()
+        distance = min(abs(agreed - one.offset) for one in self.levels)
+        if distance <= max(self._tolerance, NEW_LEVEL * deviation):
+            measurement.spread = distance
+            return f'measurements agree with each other, {1e3 * distance:.1f} mm off the estimate'
+        self._add_level(agreed)
+        measurement.level = agreed
+        self.fitted = stamp
+        return f'new level at {1e3 * agreed:+.1f} mm'
+
+    def _add_level(self, offset: float) -> None:
+        """Add a level at an offset [m]; the oldest found one makes room for it."""
+        self.levels.append(Level(offset, 1))
+        if len(self.levels) > MOST:
+            found = [one for one in self.levels if one.count < math.inf]
+            self.levels.remove(found[0])
+
+    def _agreed_residual(self) -> float | None:
+        """Return the residual shared by nearly all recent measurements; None if they differ."""
+        stamps, residuals = np.transpose(self._recent)
+        if len(stamps) < FEWEST or np.ptp(stamps) < 0.8 * SPAN:
+            return None
+        if np.isnan(residuals).mean() > 1.0 - AGREEMENT:
+            return None
+        middle = float(np.nanmedian(residuals))
+        is_close = np.abs(residuals - middle) <= self._tolerance
+        return middle if is_close.mean() >= AGREEMENT else None
+
+
+def _mean(mean: float, value: float) -> float:
+    """Return the running mean after a value; the first value replaces a mean of NaN."""
+    return mean + SMOOTHING * (value - mean) if math.isfinite(mean) else value

@@ -1,0 +1,212 @@
+"""Commands that move or measure carriages: `direction`, `jog`, `lead`, `home-switch`, `lag`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from facade_manipulator.canopen import indices
+from facade_manipulator.drives.profile import load_profile
+from facade_manipulator.drives.snapshot import AxisSnapshot
+from facade_manipulator.errors import CommissioningError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
+from facade_manipulator.tools.commissioning.low_speed_motion import Motion, powered
+from facade_manipulator.tools.commissioning.procedure import Context
+
+HOME_SWITCH = 0x4  # bit in 60FDh
+_APPROACH = 5e-4  # m/s, speed towards the switch
+_RETREAT = 1e-3  # m, travel back from it
+_WIDE_SPREAD = 2e-4  # m; every tenth SYNC reports the inputs, 0.05 mm apart
+_PUSHED = 0.002  # m
+_PATIENCE = 120.0  # s
+_LAG_SPEEDS = (0.01, 0.04)  # m/s
+_LAG_TRAVEL = 0.02  # m
+_DELAY = 2  # cycles from the choice of a target to the SYNC at which the drive should reach it
+_ALIKE = 0.002  # s, maximum difference of the lag of an axis
+_MM = 1e3
+_MS = 1e3
+# homing methods that search for the home switch, by their initial direction
+_METHODS = {1: (23, 24, 7, 8), -1: (27, 28, 11, 12)}
+
+
+def run_direction(context: Context) -> None:
+    """Write the direction of an axis after the operator has pushed its carriage towards +q."""
+    name = context.options.axis
+    needed = abs(context.axes[name].to_counts(_PUSHED))
+    context.agree(
+        f'{name} stays without power, because its carriage is pushed by hand. '
+        f'{context.overlay.path} gets its direction.'
+    )
+    with context.drive(name) as (bus, drive):
+
+        def position() -> int:
+            return bus.run(drive.read_number(indices.ACTUAL_POSITION, signed=True))
+
+        start = position()
+
+        def pushed() -> int:
+            return position() - start
+
+        print(
+            f'Push the carriage of {name} to the right (towards +q) by a centimetre '
+            f'within {_PATIENCE:g} s.'
+        )
+        if not bus.wait_for(lambda: abs(pushed()) >= needed, _PATIENCE):
+            raise CommissioningError(
+                f'{name} did not move by {_MM * _PUSHED:g} mm within '
+                f'{_PATIENCE:g} s; next: check this carriage and its encoder'
+            )
+        first = pushed()
+        bus.wait(0.5)
+        counts = pushed()
+    print(f'{name} counted {counts:+d}.')
+    if counts * math.copysign(1, first) < needed:
+        raise CommissioningError(
+            f'push of {name} rejected: the carriage moved back, from {first:+d} to {counts:+d} '
+            f'counts, minimum {needed}; next: repeat, and leave the carriage where it is'
+        )
+    context.record(f'direction {name}', {f'{name}.direction': 1 if counts > 0 else -1})
+
+
+def run_jog(context: Context) -> None:
+    """Move a carriage by a distance."""
+    _move(context, context.options.distance)
+    context.record(f'jog {context.options.axis}', {})
+
+
+def _move(context: Context, distance: float) -> float:
+    """Move by a distance [m]; return and print the displacement by the encoder [m]."""
+    name = context.options.axis
+    speed = context.options.speed
+    with powered(context, f'by {_MM * distance:+g} mm', abs(distance), speed) as motion:
+        for _ in motion.go(math.copysign(speed, distance)):
+            pass
+        went = motion.rest()[name].position or 0.0
+    print(f'{name} moved {_MM * went:+.2f} mm by its encoder.')
+    return went
+
+
+def run_lead(context: Context) -> None:
+    """Move with the present lead, ask for the real distance, and correct the lead."""
+    name = context.options.axis
+    lead = context.axes[name].lead
+    print(
+        f'Mark the place of carriage {name}. The lead is written to {context.overlay.path}.'
+    )
+    went = _MM * _move(context, context.options.travel)
+    text = context.options.measured or context.ask(
+        'How many mm by the ruler (to the left: negative)?', '--measured'
+    )
+    try:
+        ratio = float(text.replace(',', '.').removesuffix('mm')) / (went or math.nan)
+    except ValueError:
+        ratio = math.nan
+    if not 0.05 < ratio < 20.0:
+        raise CommissioningError(
+            f'{text} mm rejected: its ratio to {went:.2f} mm is not between 0.05 and 20; next: '
+            f'measure again, or commission direction {name} if the carriage moved the other way'
+        )
+    print(f'{name}: lead {_MM * lead * ratio:.3f} mm (was {_MM * lead:g} mm)')
+    context.record(f'lead {name}', {f'{name}.lead': round(lead * ratio, 6)})
+
+
+def run_home_switch(context: Context) -> None:
+    """Approach the switch repeatedly; report the spread, and write the homing method."""
+    name = context.options.axis
+    speed = context.options.speed
+    count = context.options.approaches
+    axis = context.axes[name]
+    side = 1 if context.options.towards == '+' else -1
+    with powered(
+        context,
+        f'{count} times to the home switch of {name} and back',
+        context.options.window,
+        speed,
+    ) as motion:
+        if _is_on(motion.turn()[name]):
+            raise CommissioningError(
+                f'switch of {name} rejected: it is on at the start; next: '
+                'begin beside it, or invert its input in the drive'
+            )
+        edges = []
+        _find_edge(motion, name, side * speed, True)
+        for _ in range(count):
+            _find_edge(motion, name, -side * speed, False, _RETREAT)
+            edges.append(_find_edge(motion, name, side * min(speed, _APPROACH), True))
+    spread = max(edges) - min(edges)
+    print(
+        f'{name}: edge at {_MM * sum(edges) / count:+.2f} mm from the start, {count} approaches '
+        f'spread over {_MM * spread:.3f} mm'
+    )
+    if spread > _WIDE_SPREAD:
+        print(
+            f'! {name}: the spread is above {_MM * _WIDE_SPREAD:g} mm; next: clean, adjust or '
+            'replace the switch'
+        )
+    known = load_profile(axis.profile).homing_methods
+    methods = [one for one in _METHODS[side * axis.direction] if one in known]
+    if not methods:
+        raise CommissioningError(
+            f'profile {axis.profile} rejected: it has no homing method for '
+            'this switch; next: home by another method'
+        )
+    context.record(f'home-switch {name}', {f'{name}.homing_method': methods[0]})
+
+
+def _deviations(axes: dict[str, AxisSnapshot]) -> list[float]:
+    """Return the targets minus the positions of the axes [m]."""
+    return [(one.target or 0.0) - (one.position or 0.0) for one in axes.values()]
+
+
+def _is_on(axis: AxisSnapshot) -> bool:
+    return bool((axis.digital_inputs or 0) & HOME_SWITCH)
+
+
+def _find_edge(
+    motion: Motion, name: str, speed: float, is_on: bool, beyond: float = 0.0
+) -> float:
+    """Move until the switch changes, then a distance further; return its edge [m]."""
+    edge = None
+    for axes in motion.go(speed):
+        position = axes[name].position or 0.0
+        if edge is None and _is_on(axes[name]) == is_on:
+            edge = position
+        if edge is not None and abs(position - edge) >= beyond:
+            motion.rest()
+            return edge
+    raise CommissioningError(
+        f'no change of the home switch within {_MM * motion.window:.0f} mm; next: jog nearer, '
+        'change --towards, or check its cable and 60FDh in the pdos of the profile'
+    )
+
+
+def run_lag(context: Context) -> None:
+    """Measure the lag of each carriage behind its target at two speeds; write the mean lag [s]."""
+    errors = []
+    with powered(
+        context,
+        f'forth and back by {_MM * _LAG_TRAVEL:g} mm',
+        _LAG_TRAVEL,
+        max(_LAG_SPEEDS),
+    ) as motion:
+        for speed in _LAG_SPEEDS:
+            list(motion.go(-speed))
+            track = np.array([_deviations(axes) for axes in motion.go(speed)])
+            at_speed = slice(len(track) // 4, 3 * len(track) // 4)
+            errors.append(track[at_speed].mean(axis=0))
+    # friction causes the same error at both speeds
+    lags = (errors[1] - errors[0]) / (
+        _LAG_SPEEDS[1] - _LAG_SPEEDS[0]
+    ) - _DELAY * motion.period
+    for name, lag in zip(AXIS_NAMES, lags, strict=True):
+        print(f'{name}: lag {_MS * lag:.1f} ms')
+        difference = abs(lag - np.median(lags))
+        if difference > _ALIKE:
+            print(
+                f'! {name}: its lag differs by {_MS * difference:.1f} ms, above the '
+                f'limit {_MS * _ALIKE:g} ms; next: check its screw and its tuning'
+            )
+    context.record(
+        'lag', {'controller.drive_lag': max(0.0, round(float(lags.mean()), 4))}
+    )

@@ -1,0 +1,182 @@
+"""
+Commands `scan` and `assign`: a list of the drives on the bus, and node ids by LSS.
+
+References
+----------
+CiA 305, Layer setting services and protocols.
+
+"""
+
+from __future__ import annotations
+
+from canopen.lss import LssError, LssMaster
+
+from facade_manipulator.canopen import indices
+from facade_manipulator.canopen.lss import (
+    find_unknown_slave,
+    Identity,
+    lss_master,
+    set_node_id,
+    UNCONFIGURED,
+)
+from facade_manipulator.drives import configuration
+from facade_manipulator.drives.profile import fitting_profile
+from facade_manipulator.errors import CommissioningError
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
+from facade_manipulator.tools.commissioning.procedure import Context
+from facade_manipulator.tools.commissioning.tool_bus import (
+    BOOT_TIMEOUT,
+    NODE_IDS,
+    ToolBus,
+)
+
+_BOOTING = 0.5  # s
+
+
+def run_scan(context: Context) -> None:
+    """Print the nodes on the bus; fail if they differ from the parameters."""
+    problems = []
+    with context.bus() as bus:
+        serials = bus.serial_numbers(NODE_IDS)
+        known = set().union(*serials.values())
+        master = lss_master(bus, context.options.lss_timeout)
+        # some nodes answer although they have a node id (Lely)
+        has_new = find_unknown_slave(master, lambda one: one.serial_number in known)
+        print('node  serial number     vendor    product  profile')
+        for node_id, found in sorted(serials.items()):
+            shown = ', '.join(map(str, sorted(found)))
+            if len(found) > 1:
+                problems.append(
+                    f'{len(found)} drives have node id {node_id} (serial numbers '
+                    f'{shown}); next: commission assign'
+                )
+                print(f'{node_id:<4}  {shown}')
+                continue
+            vendor = bus.number(node_id, indices.IDENTITY, 1)
+            product = bus.number(node_id, indices.IDENTITY, 2)
+            kind = 'not a drive'
+            if _is_drive(bus, node_id):
+                kind = fitting_profile(vendor, product)
+            print(f'{node_id:<4}  {shown:13} {vendor!s:>10} {product!s:>10}  {kind}')
+    if has_new:
+        problems.append('a drive has no node id; next: commission assign')
+    remedy = (
+        'check power, plug, termination (60 ohms between CAN high and low) and bit rate'
+    )
+    if problems:
+        remedy = 'commission assign'
+    for name, axis in context.axes.items():
+        if axis.node_id not in serials:
+            problem = f'{name} (node {axis.node_id}) does not answer; next: {remedy}'
+            problems.append(problem)
+    context.record('scan', {}, problems)
+
+
+def _is_drive(bus: ToolBus, node_id: int) -> bool:
+    """Return whether a node is a drive instead of an I/O module."""
+    device_type = bus.number(node_id, indices.DEVICE_TYPE) or 0
+    return device_type & 0xFFFF == configuration.DEVICE_TYPE
+
+
+def run_assign(context: Context) -> None:
+    """Give each drive the node id of its carriage, store the id, and record it."""
+    node_ids = {name: axis.node_id for name, axis in context.axes.items()}
+    serials = context.options.serials or []
+    if len({*serials}) < len(serials):
+        raise CommissioningError(
+            f'--serials {" ".join(map(str, serials))} rejected: two are '
+            'equal; next: give the serial number of each drive'
+        )
+    shown = ', '.join(f'{name}: {node_id}' for name, node_id in node_ids.items())
+    context.agree(
+        'All drives on this bus that support LSS lose their node id; each stores that '
+        f'of its carriage ({shown}). {context.overlay.path} gets serial numbers and '
+        'profile. No carriage moves.'
+    )
+    given: dict[str, Identity] = {}
+    seen: set[Identity] = set()
+    context.state = (
+        'Drives without a stored node id use the old id after power off and on'
+    )
+    with context.bus() as bus:
+        master = lss_master(bus, context.options.lss_timeout)
+        _configure(bus, master, UNCONFIGURED)
+        while found := find_unknown_slave(master, seen.__contains__):
+            seen.add(found)
+            spare = NODE_IDS[-len(seen)]  # so that only this node answers on it
+            _configure(bus, master, spare, found)
+            name = _axis_of(context, found) if _is_drive(bus, spare) else ''
+            if name in given:
+                raise CommissioningError(
+                    f'{name} rejected: it has a drive already; next: answer with another carriage'
+                )
+            if name:
+                _configure(bus, master, node_ids[name], found, is_stored=True)
+                bus.reset(node_ids[name])
+                given[name] = found
+                context.state += (
+                    f'. {name} has stored node id {node_ids[name]} (serial number '
+                    f'{found.serial_number})'
+                )
+    if missing := node_ids.keys() - given.keys():
+        raise CommissioningError(
+            f'no drive was found by fastscan for {", ".join(sorted(missing))}; next: check '
+            'its plug, assign --lss-timeout 0.5, or use its switches or the tool of its maker'
+        )
+    profile, *others = {fitting_profile(*one[:2]) for one in given.values()}
+    if others:
+        raise CommissioningError(
+            f'drives rejected: they are of the types {profile} and '
+            f'{" and ".join(others)}; next: use three of one type'
+        )
+    context.record(
+        'assign',
+        {
+            'axes.profile': profile,
+            **{
+                f'{name}.serial_number': given[name].serial_number
+                for name in AXIS_NAMES
+            },
+        },
+    )
+
+
+def _axis_of(context: Context, found: Identity) -> str:
+    """Return the axis that a drive moves, '' for a drive that gets no node id."""
+    if serials := context.options.serials:
+        return dict(zip(serials, AXIS_NAMES, strict=True)).get(found.serial_number, '')
+    answer = context.ask(
+        f'Drive with serial number {found.serial_number} (product {found.product_code:X}h): which '
+        f'carriage does it move? [{"/".join(AXIS_NAMES)}, or nothing]',
+        '--serials',
+    )
+    if answer and answer not in AXIS_NAMES:
+        raise CommissioningError(f'{answer} rejected: choose {", ".join(AXIS_NAMES)}')
+    return answer
+
+
+def _configure(
+    bus: ToolBus,
+    master: LssMaster,
+    node_id: int,
+    selected: Identity | None = None,
+    is_stored: bool = False,
+) -> None:
+    """
+    Set the node id of one node or of all nodes, and wait until they have booted.
+
+    Some nodes use the id only after a reset of communication. Raises a CommissioningError if a
+    node does not take or store it.
+    """
+    try:
+        set_node_id(master, node_id, selected, is_stored)
+    except LssError as error:
+        raise CommissioningError(
+            f'no drive has confirmed a node id by LSS ({error}); next: switch power off and on, '
+            'repeat, or set node ids by switches or in the tool of their maker'
+        ) from error
+    bus.frames.command('RESET COMMUNICATION', 0)
+    bus.wait_for(
+        lambda: selected and bus.number(node_id, indices.DEVICE_TYPE) is not None,
+        BOOT_TIMEOUT if selected else _BOOTING,
+    )

@@ -1,0 +1,225 @@
+"""Compensator: corrected poses for goals on the wall, disturbances and head poses."""
+
+from contextlib import suppress
+import math
+
+from compensation.compensated_head import CompensatedHead, PERIOD, START
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from facade_manipulator.compensation.contact import LateralSettings
+from facade_manipulator.compensation.contact_phases import ContactSettings, PressMode
+from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.pose_compensator import (
+    CompensationSettings,
+    Compensator,
+    DEFAULTS,
+)
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.kinematics import (
+    add,
+    Geometry,
+    Mechanism,
+    Pose,
+    relative,
+    Wrench,
+)
+from facade_manipulator.parameters import parameter_fields
+
+pytestmark = pytest.mark.long
+
+GOAL = Pose(0.05, 0.25, 0.05)
+ASIDE = Pose(-0.1, 0.25, 0.0)
+RAIL = Pose(0.02, -0.005, 0.01)
+
+
+def sway(time):
+    return Pose(0.08 * math.sin(0.7 * time), 0.01 * math.sin(1.2 * time), 0.0)
+
+
+@settings(max_examples=25)  # each checks twenty cycles
+@given(
+    st.floats(-0.1, 0.1),
+    st.floats(-0.03, 0.03),
+    st.floats(-0.08, 0.08),
+    st.floats(-0.1, 0.1),
+    st.floats(0.23, 0.27),
+    st.floats(-0.05, 0.05),
+)
+def test_disturbance_and_corrected_pose_compose_to_the_reference(
+    dx, dy, dtheta, x, y, theta
+):
+    run = CompensatedHead(Pose(dx, dy, dtheta), Pose(x, y, theta)).run(0.8)
+    for output in run.outputs[-20:]:
+        wanted = add(output.pose, output.saturation_error)
+        assert wanted == pytest.approx(
+            tuple(relative(output.disturbance, output.reference)), abs=1e-12
+        )
+
+
+def test_update_without_a_goal_returns_no_pose():
+    run = CompensatedHead().run(0.5)
+    assert set(run.outputs) == {None}
+    with pytest.raises(ManipulatorError, match='no goal'):
+        run.compensator.hold(run.now)
+
+
+def test_lag_of_the_head_extends_the_prediction():
+    run = CompensatedHead(sway, GOAL).run(12.0)
+    run.compensator.following.lag = 0.04
+    run.run(0.1)
+    assert run.last.reach_time == run.last.time + 0.04
+    assert run.last.disturbance.x == pytest.approx(
+        sway(run.last.reach_time).x, abs=5e-4
+    )
+
+
+def test_axis_is_held_at_its_workspace_limit_and_returns():
+    run = CompensatedHead(
+        lambda time: Pose(0.45 * math.sin(0.4 * (time - START)), 0.0, 0.0),
+        Pose(0.0, 0.25, 0.0),
+    ).run(16.0)  # forth and back
+    for output in run.outputs[::7]:
+        Mechanism(Geometry()).certify(output.pose)
+    errors = abs(np.array([output.saturation_error for output in run.outputs]))
+    assert errors[:, 0].max() > 1e-3 > errors[-1, 0] and errors[:, 1].max() == 0.0
+    assert abs(np.diff(run.all('pose'), 2, axis=0)).max() < 1e-3
+    assert run.on_wall.x == pytest.approx(0.0, abs=5e-3)
+
+
+def test_every_part_with_a_live_parameter_can_change():
+    for part, settings_of_part in DEFAULTS._asdict().items():
+        if any(info.live for info in parameter_fields(type(settings_of_part)).values()):
+            Compensator(Geometry()).change(part, settings_of_part)
+    with pytest.raises(ValueError, match='reference has no live parameters'):
+        Compensator(Geometry()).change('reference', DEFAULTS.reference)
+
+
+@pytest.mark.parametrize('follows', [True, False])
+def test_path_restarts_at_a_head_that_does_not_follow(follows):
+    run = CompensatedHead(
+        goal=Pose(0.1, 0.25, 0.0), head=ASIDE, lag=0.0 if follows else None
+    )
+    away = abs(run.run(4.0).all('pose')[:, 0] - ASIDE.x)
+    if follows:
+        assert run.compensator.initialisations == 1
+        assert run.last.pose == pytest.approx((0.1, 0.25, 0.0), abs=1e-9)
+        return
+    assert run.compensator.initialisations > 2
+    assert away.max() < 0.2 and away[200:].min() < 1e-6
+
+
+def test_goal_error_vanishes_under_a_constant_disturbance():
+    run = CompensatedHead(RAIL, lag=0.0)
+    compensator = run.compensator
+    assert compensator.goal_error(run.now) is None
+    compensator.set_goal(GOAL)
+    run.run(5.0)
+    assert run.last.time == pytest.approx(run.now + CompensationSettings().lead)
+    assert run.on_wall == pytest.approx(tuple(GOAL), abs=2e-4)
+    assert max(map(abs, compensator.goal_error(run.now))) < 1e-4
+    assert compensator.path_time(run.now) < 0.0
+    compensator.following.add_head(
+        run.now + 1e-3, relative(RAIL, GOAL._replace(x=GOAL.x - 0.03))
+    )
+    assert compensator.goal_error(run.now).x == pytest.approx(0.03, abs=1e-4)
+    assert (
+        compensator.goal_error(run.now + 5.0) is None
+    )  # the pose of the head is too old
+
+
+@pytest.mark.parametrize(('lag', 'most'), [(0.0, 0.61), (0.04, 0.63)])
+def test_hold_brakes_within_the_limits_and_stays(lag, most):
+    run = CompensatedHead(RAIL, ASIDE, lag=lag).run(8.0)
+    run.compensator.set_goal(GOAL)
+    begin = run.run(0.6).last.reference
+    place = run.compensator.hold(run.now)
+    held = len(run.outputs)
+    run.run(3.0)
+    x = np.array([output.reference.x for output in run.outputs[held - 3 :]])
+    assert run.compensator.goal == place != GOAL
+    assert begin.x < place.x < GOAL.x
+    assert abs(np.diff(x, 2)).max() / PERIOD**2 < most
+    assert math.dist(run.last.reference, place) < 1e-6
+
+
+@pytest.mark.parametrize('step', [-3600.0, -5.0, -0.6, 5.0, 3600.0])
+def test_clock_step_keeps_correction_active_without_a_jump(step):
+    run = CompensatedHead(sway, GOAL, relative(sway(START), GOAL), lag=0.0)
+    before = run.run(5.0).count - run.accepted
+    run.set_by = step
+    run.run(6.0)
+    assert run.compensator.correction.mode is CorrectionMode.ACTIVE
+    assert run.on_wall == pytest.approx(tuple(GOAL), abs=4e-3)
+    assert abs(np.diff(run.all('pose')[:, :2], axis=0)).max() < 0.02
+    assert run.count - run.accepted - before < (5 if step == -3600.0 else 100)
+
+
+@pytest.mark.parametrize(
+    ('variances', 'reason'),
+    [
+        (
+            None,
+            'no valid estimate for more than 0.5 s: the estimator is silent; '
+            'next: check the estimator',
+        ),
+        ((0.0, 1e6, 0.0), 'the estimate of y or theta is too uncertain'),
+    ],
+)
+def test_lost_estimate_retracts_the_head_with_its_reason(variances, reason):
+    run = CompensatedHead(
+        Pose(0.02, 0.0, 0.01),
+        Pose(0.0, 0.25, 0.0),
+        Pose(0.0, 0.27, 0.0),
+        lag=0.0,
+        contact=ContactSettings(enabled=True),
+    ).run(4.0)
+    pressing = run.compensator.contact.pressing
+    pressing.mode = PressMode.HOLDING
+    pressing.ramp.desired = pressing.settings.force
+    run.variances = variances
+    for cycle in range(70):  # less than 1.05 s: the correction continues
+        with suppress(ManipulatorError):
+            run.compensator.contact.add_wrench(
+                run.now, run.now, Wrench(0.0, -30.0 - 0.01 * (cycle % 3), 0.0)
+            )
+        run.run(PERIOD)
+    assert (pressing.mode, pressing.last_reason) == (PressMode.RETRACTED, reason)
+
+
+@pytest.mark.parametrize('lag', [0.0, 0.03])
+def test_contact_has_the_instant_at_which_the_head_arrives(lag):
+    """A force measured at a stamp belongs to the offset that the head has then."""
+    run = CompensatedHead(
+        goal=Pose(0.0, 0.25, 0.0), contact=ContactSettings(enabled=True)
+    )
+    run.compensator.following.lag = lag
+    run.run(0.5)
+    contact = run.compensator.contact
+    newest = contact.pressing.normal.law._totals.newest()
+    assert newest == ((run.last.reach_time, contact.present.y),)
+
+
+def test_contact_settings_change_without_a_jump():
+    run = CompensatedHead(goal=GOAL).run(1.0)
+    run.compensator.change('contact', ContactSettings(enabled=True))
+    run.compensator.change('lateral', LateralSettings(enabled=True))
+    run.run(2.0).compensator.change('contact', ContactSettings())
+    y = run.run(2.0).all('pose')[:, 1]
+    assert y.min() == pytest.approx(GOAL.y - 0.05) and y[-1] == pytest.approx(GOAL.y)
+    assert abs(np.diff(y)).max() <= 0.04 * PERIOD + 1e-9
+
+
+@pytest.mark.parametrize(
+    ('settings', 'lead'),
+    [
+        (CompensationSettings(), 0.045),
+        (CompensationSettings(rate=50.0), 0.065),
+        (CompensationSettings(rate=500.0), 0.029),
+        (CompensationSettings(rate=50.0, horizon=0.08), 0.08),
+    ],
+)
+def test_lead_covers_the_delay_of_commands_unless_set(settings, lead):
+    assert settings.lead == pytest.approx(lead)

@@ -1,0 +1,88 @@
+"""Limit of the workspace, reached without a corner in the path."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from facade_manipulator.compensation.workspace_limit import WorkspaceLimit
+from facade_manipulator.kinematics import Geometry, Mechanism, Pose
+
+GEOMETRY = Geometry()
+MADE = Geometry(
+    link_errors=(1e-3, -1e-3),
+    platform_errors=(-1e-3, 1e-3),
+    rail_angle=0.01,
+    carriage_offsets=(2e-3, -1e-3, 1e-3),
+    tool=(0.01, 0.08, 0.02),
+)
+anywhere = st.builds(
+    Pose, st.floats(-1.0, 1.0), st.floats(-0.5, 0.6), st.floats(-1.0, 1.0)
+)
+well_inside = st.builds(
+    Pose, st.floats(-0.25, 0.25), st.floats(0.2, 0.28), st.floats(-0.1, 0.1)
+)
+
+
+@pytest.mark.parametrize('geometry', [GEOMETRY, MADE], ids=['drawn', 'made'])
+@given(pose=anywhere)
+def test_saturated_pose_plus_removed_part_is_the_input(geometry, pose):
+    saturated = WorkspaceLimit(geometry).saturate(pose)
+    Mechanism(geometry).certify(saturated.pose)
+    wanted = np.add(saturated.pose, saturated.saturation_error)
+    assert wanted == pytest.approx(tuple(pose), abs=1e-12)
+
+
+@given(well_inside)
+def test_pose_well_inside_is_not_changed(pose):
+    saturated = WorkspaceLimit(GEOMETRY).saturate(pose)
+    assert saturated.pose == pose
+    assert saturated.saturation_error == (0.0, 0.0, 0.0)
+
+
+@given(anywhere, st.floats(-0.3, 0.3))
+def test_saturated_x_keeps_the_distance_from_an_oblique_wall(pose, slope):
+    limit = WorkspaceLimit(GEOMETRY)
+    pose = pose._replace(y=0.25, theta=0.0)
+    inside = limit.saturate(pose, slope)
+    Mechanism(GEOMETRY).certify(inside.pose)
+    if not inside.saturation_error.y:
+        gained = inside.pose.y - pose.y
+        assert gained == pytest.approx(
+            slope * inside.saturation_error.x, abs=0.12 * abs(gained) + 1e-9
+        )
+
+
+@pytest.mark.parametrize('axis', range(3))
+def test_sweep_across_the_workspace_limit_is_smooth(axis):
+    limit = WorkspaceLimit(GEOMETRY)
+    bounds = ((-0.7, 0.7), (0.0, 0.4), (-0.6, 0.6))[axis]
+    places = []
+    for value in np.linspace(*bounds, 4001):
+        wanted = [0.0, 0.25, 0.0]
+        wanted[axis] = value
+        places.append(limit.saturate(Pose(*wanted)).pose[axis])
+    slopes = np.diff(places) / ((bounds[1] - bounds[0]) / 4000)
+    assert slopes.min() >= -1e-9
+    assert slopes.max() <= 1.0 + 1e-9
+    assert abs(np.diff(slopes)).max() < 0.03
+
+
+@pytest.mark.parametrize('margin', [0.004, 0.03])
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_pose_far_outside_is_saturated_at_the_margin(margin, sign):
+    limit = WorkspaceLimit(GEOMETRY, margin)
+    aside = limit.saturate(Pose(sign, 0.25, 0.0)).pose
+    left, right, _ = Mechanism(GEOMETRY).inverse_kinematics(aside)
+    assert min(left - GEOMETRY.stroke[0], GEOMETRY.stroke[1] - right) == pytest.approx(
+        margin
+    )
+    assert limit.saturate(Pose(0.0, 1.0, 0.0)).pose.y == pytest.approx(
+        GEOMETRY.link_length - margin
+    )
+    turned = limit.saturate(Pose(0.0, 0.3, sign)).pose
+    assert abs(turned.y) + GEOMETRY.platform_half_length * math.sin(
+        abs(turned.theta)
+    ) == (pytest.approx(GEOMETRY.link_length - margin))

@@ -1,0 +1,45 @@
+"""Channel between node and loop: whole messages, a bound, and no waiting."""
+
+from control_loop.loop_rig import channel_pair, waiting_messages
+import pytest
+
+
+def test_last_messages_of_an_ended_process_are_received():
+    """The kernel reports first that the process has left messages unread."""
+    ours, theirs = channel_pair()
+    ours.send('feed')
+    theirs.send('reply', 1)
+    theirs.send('reply', 2)
+    theirs.close()
+    messages = waiting_messages(ours)
+    assert [next(messages), next(messages)] == [('reply', (1,)), ('reply', (2,))]
+    with pytest.raises(ConnectionError):
+        next(messages)
+    ours.close()
+
+
+def test_flood_of_the_stream_hides_no_command():
+    ours, theirs = channel_pair()
+    number = 0
+    while ours.send('setpoint', number):
+        number += 1
+    assert number > 100
+    assert ours.send('stop', 'enough')
+    assert [*theirs.commands()] == [('stop', ('enough',))]
+    assert theirs.stream(2) == [
+        ('setpoint', (number - 2,)),
+        ('setpoint', (number - 1,)),
+    ]
+    assert theirs.stream(2) == []
+
+
+def test_stream_is_read_while_the_condition_holds():
+    ours, theirs = channel_pair()
+    for number in range(5):
+        ours.send('state', number)
+    allowed = iter([True, True, False])
+    assert [content for _, content in theirs.stream(9, lambda: next(allowed))] == [
+        (0,),
+        (1,),
+    ]
+    assert len(theirs.stream(9)) == 3

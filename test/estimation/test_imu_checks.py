@@ -1,0 +1,98 @@
+"""Checks for impossible IMU measurements and swapped sensors."""
+
+import math
+
+import numpy as np
+import pytest
+
+from facade_manipulator.errors import InputError
+from facade_manipulator.estimation.estimator_settings import ImuSettings
+from facade_manipulator.estimation.imu_checks import ImuGate, rotation, YawComparison
+from facade_manipulator.kinematics import GRAVITY
+
+STEP = 0.005
+STILL = (0.0, 0.0, 0.0)
+REST = (0.0, 0.0, GRAVITY)
+
+
+def rejection(rates=STILL, forces=REST, late=0.004, count=1, step=STEP):
+    """Return the reason why the last of several measurements is rejected."""
+    gate = ImuGate(ImuSettings())
+    found = ''
+    for k in range(count):
+        now = 1000.0 + k * step
+        try:
+            gate.check(now, now - late, rates, forces)
+            found = ''
+        except InputError as error:
+            found = error.reason
+    return found
+
+
+@pytest.mark.parametrize(
+    ('expected', 'changes'),
+    [
+        ('', {}),
+        ('not_finite', {'rates': (math.nan, 0.0, 0.0)}),
+        ('not_finite', {'forces': (0.0, math.inf, 9.8)}),
+        ('saturated', {'rates': (0.0, 5.0, 0.0)}),
+        ('saturated', {'forces': (0.0, 40.0, 9.8)}),
+        ('stale', {'late': 0.4}),
+        ('future', {'late': -0.02}),
+        ('out_of_order', {'count': 2, 'step': 0.0}),
+        ('out_of_order', {'count': 2, 'step': -0.01}),
+        (
+            'unit',
+            {'forces': (0.0, 0.0, 1.0), 'count': 1000},
+        ),  # drivers that measure in g
+        ('unit', {'forces': STILL, 'count': 2000}),  # drivers that remove gravity
+        ('mounting', {'forces': (0.0, GRAVITY, 0.0), 'count': 1000}),
+        ('mounting', {'forces': (0.0, 0.0, -GRAVITY), 'count': 1000}),
+        ('', {'forces': (8.0, 0.0, GRAVITY), 'count': 20}),
+    ],
+)  # a bump
+def test_faulty_imu_is_rejected_with_its_reason(expected, changes):
+    assert rejection(**changes) == expected
+
+
+@pytest.mark.parametrize(
+    'angles', [(math.pi, 0.0, 0.0), (0.0, 0.0, 1.0), (0.5, -0.3, 2.0)]
+)
+def test_turned_imu_measurements_are_rotated_to_the_rail(angles):
+    gate = ImuGate(ImuSettings(mounting=(0.0, 0.0, 0.0, *angles)))
+    back = rotation(*angles).T
+    _, along_rail = gate.check(
+        0.0, 0.0, back @ (0.1, 0.2, 0.3), back @ (0.0, 0.5, GRAVITY)
+    )
+    assert along_rail == pytest.approx((0.1, 0.2, 0.3, 0.0, 0.5, GRAVITY))
+
+
+def fault_of(swapped=1.0, factor=1.0, panes=0.0, noise=2e-4):
+    """Return the fault that half a minute of yaw reveals."""
+    comparison = YawComparison()
+    random = np.random.default_rng(3)
+    for time in np.arange(0.0, 30.0, 0.01):
+        comparison.turned += 0.01 * (factor * 0.01 * math.cos(1.3 * time) + 0.02)
+        yaw = swapped * 0.01 / 1.3 * math.sin(1.3 * time)
+        for place in (-0.5, 0.5):
+            glass = random.uniform(0.3, 3.0) * (random.random() < panes)
+            distance = 0.45 - place * yaw + glass + noise * random.standard_normal()
+            if fault := comparison.add_distance(place, time, distance):
+                return fault
+    return ''
+
+
+@pytest.mark.parametrize(
+    ('changes', 'fault'),
+    [
+        ({}, ''),
+        ({'panes': 0.5}, ''),
+        ({'noise': 0.05}, ''),
+        ({'panes': 0.5, 'swapped': -1.0}, ''),
+        ({'factor': 180.0 / math.pi, 'noise': 0.05}, ''),
+        ({'factor': 180.0 / math.pi}, 'degrees per second'),
+        ({'swapped': -1.0}, 'left and right'),
+    ],
+)
+def test_only_swapped_sensors_and_degrees_are_named(changes, fault):
+    assert bool(fault) == bool(found := fault_of(**changes)) and fault in found

@@ -1,0 +1,127 @@
+"""Assignment of measurements to levels of the wall, and the rail's pose at the start."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from facade_manipulator.estimation.history import Measurement
+from facade_manipulator.estimation.rail_pose_model import DistanceSensor, Y
+from facade_manipulator.estimation.start import FirstMeasurements, start_at_wall
+from facade_manipulator.estimation.wall_depth_levels import (
+    Channel,
+    Level,
+    MOST,
+    OUTLIER,
+)
+
+PERIOD = 0.01
+SIGMA = 3e-4
+PLACES = np.array(((-0.5, 0.0, 0.0), (0.5, 0.02, 0.0)))
+
+
+def channel(*levels):
+    sensor = DistanceSensor('left', (Y,), 1e-4, 0.0, (0.0, 0.0, 0.0), 0.45)
+    return Channel(sensor, [Level(offset) for offset in (0.0, *levels)])
+
+
+def decide(channel, residuals, begin=0.0):
+    """Return the measurements with their levels, and the events."""
+    measurements = [
+        Measurement('left', begin + k * PERIOD, 0.0, SIGMA**2)
+        for k in range(len(residuals))
+    ]
+    return measurements, [
+        event
+        for one, residual in zip(measurements, residuals, strict=True)
+        if (event := channel.decide(one, residual, SIGMA, is_coasting=False))
+    ]
+
+
+def test_mullion_becomes_a_level_after_a_quarter_second():
+    seen = channel()
+    decide(seen, [0.0] * 50)
+    measurements, events = decide(seen, [-0.03] * 40, 0.5)
+    found = next(k for k, one in enumerate(measurements) if one.level != OUTLIER)
+    assert 0.2 <= found * PERIOD <= 0.3
+    assert events == ['new level at -30.0 mm']
+    (wall, mullion), _ = decide(seen, [0.0, -0.0302], 2.0)
+    assert wall.level == 0.0
+    assert mullion.level == pytest.approx(-0.03, abs=1e-4)
+
+
+def test_window_panes_are_outliers_without_a_level():
+    seen = channel()
+    random = np.random.default_rng(1)
+    measurements, events = decide(
+        seen, np.where(random.random(500) < 0.5, random.uniform(0.3, 3.0, 500), 0.0)
+    )
+    assert {one.level for one in measurements} == {0.0, OUTLIER} and not events
+
+
+def test_outliers_that_agree_near_a_level_increase_variance():
+    measurements, (event,) = decide(channel(), [2e-3] * 40)
+    found = next(one for one in measurements if one.spread)
+    assert event == 'measurements agree with each other, 2.0 mm off the estimate'
+    assert found.level == OUTLIER and found.spread == pytest.approx(2e-3)
+
+
+def test_configured_level_is_used_at_once_and_kept():
+    seen = channel(-0.03)
+    assert decide(seen, [-0.03])[0][0].level == -0.03 and seen.counts == {
+        'other level': 1
+    }
+    for k in range(1, MOST):
+        decide(seen, [0.1 * k] * 40, begin=k)
+    offsets = [
+        level.offset for level in seen.levels
+    ]  # the oldest found level was replaced
+    assert offsets == pytest.approx([0.0, -0.03, *(0.1 * k for k in range(2, MOST))])
+
+
+def distances(wall, y, yaw, offsets=(0.0, 0.0)):
+    return [
+        (wall + offset - y - np.sin(yaw) * sx - np.cos(yaw) * sy) / np.cos(yaw)
+        for (sx, sy, _), offset in zip(PLACES, offsets, strict=True)
+    ]
+
+
+# y below half the 30 mm between the levels: a larger y is likelier another level
+@given(
+    st.floats(-0.014, 0.014),
+    st.floats(-0.01, 0.01),
+    st.floats(0.3, 0.6),
+    st.sampled_from([(0.0, 0.0), (-0.03, 0.0), (0.0, -0.03)]),
+    st.booleans(),
+)
+def test_start_finds_wall_y_and_yaw(y, yaw, wall, offsets, is_known):
+    y *= is_known  # y begins at 0 otherwise
+    assert start_at_wall(
+        wall * is_known,
+        PLACES,
+        distances(wall, y, yaw, offsets),
+        [0.0, -0.03],
+    ) == pytest.approx((wall, y, yaw), abs=2e-4)
+
+
+@pytest.mark.parametrize('known', [0.0, 0.45])
+def test_start_by_one_sensor_assumes_no_yaw(known):
+    assert start_at_wall(known, PLACES[1:], [0.43], [0.0]) == pytest.approx(
+        (0.45, 0.0, 0.0)
+    )
+
+
+def test_densest_cluster_between_panes_is_the_wall():
+    random = np.random.default_rng(2)
+    for _ in range(300):
+        first = FirstMeasurements()
+        wall = (
+            0.45 + 5e-3 * np.linspace(0.0, 1.0, 40) + 2e-4 * random.standard_normal(40)
+        )
+        through = random.permutation(40) < 25
+        for k, value in enumerate(
+            np.where(through, wall + random.uniform(0.3, 3.0, 40), wall)
+        ):
+            first.add(k * PERIOD, value)
+        assert first.suffice(0.4) and not first.suffice(2.0)
+        assert first.densest() == pytest.approx(0.4525, abs=4e-3)

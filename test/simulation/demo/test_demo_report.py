@@ -1,0 +1,95 @@
+"""Figures and pictures of a run."""
+
+import math
+import re
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.simulation.demo import demo, demo_report
+from facade_manipulator.simulation.demo.demo_report import Run
+from facade_manipulator.simulation.world.scenario import Mission, Scenario
+
+
+def run(amplitude=1e-3, force=None, **scenario):
+    """Return a run with an error at 1 Hz along x [m] on a swaying gondola, and a force [N]."""
+    times = 1e3 + 0.0101 * np.arange(4000)
+    references = np.tile((0.1, 0.25, 0.0), (4000, 1))
+    heads = references + np.outer(np.sin(math.tau * times), (amplitude, 1e-4, 1e-4))
+    rails = np.tile((0.0, 0.01, 0.02), (4000, 1))
+    rails[:, 0] = 0.05 * np.sin(times)
+    wrenches = np.zeros((4000, 3))
+    wrenches[:, 1] = 0.0 if force is None else -force
+    tables = [
+        np.column_stack((times, table))
+        for table in (heads, rails, references, wrenches)
+    ]
+    return Run(
+        [*tables[:3], tables[3] if force is not None else ()], Scenario(**scenario)
+    )
+
+
+def test_figures_and_spectrum_show_the_recorded_error():
+    made = run()
+    assert made.times[made.is_counted][0] == pytest.approx(15.0, abs=0.02)
+    assert made.rms[0, 0] == pytest.approx(
+        math.hypot(0.05 / math.sqrt(2), 0.005), rel=0.05
+    )
+    assert made.rms[0, 1] == pytest.approx(1e-3 / math.sqrt(2), rel=0.02)
+    assert re.fullmatch(r'x 35[\d.]* → 0.7\d* mm \([\d.]+ dB\)', made.figures[0])
+    panels = demo_report.errors(made).axes
+    assert [len(panel.patches) for panel in panels[:3]] == [
+        1,
+        1,
+        0,
+    ]  # not counted at the begin
+    frequencies, amplitude = panels[2].lines[1].get_data()
+    assert frequencies[amplitude.argmax()] == pytest.approx(1.0, abs=0.03)
+    assert amplitude.max() == pytest.approx(1.0, rel=0.2)  # between two bins
+
+
+@pytest.mark.parametrize('yields', [False, True])
+def test_axis_that_yields_to_contact_has_no_limit(yields):
+    mission = Mission(attenuation=(20.0, 12.0, -math.inf if yields else 12.0))
+    made = run(amplitude=0.05, mission=mission)
+    assert [text.split()[0] for text in made.low] == [
+        'x'
+    ] and 'below the limit 20 dB' in made.low[0]
+    assert ['dB' in text for text in made.figures] == [True, True, not yields]
+
+
+def test_low_attenuation_fails_only_a_long_demo(tmp_path, monkeypatch):
+    monkeypatch.setattr(demo_report, 'draw', Mock(return_value={}))
+    monkeypatch.setattr(demo, 'handle_signals', Mock())
+    made = run(amplitude=0.05)
+    short, long = (
+        Mock(
+            output=tmp_path,
+            duration=duration,
+            scenario=made.scenario,
+            counters=dict,
+            priority=0,
+            scheduling='no real-time priority',
+        )
+        for duration in (9.0, 11.0)
+    )
+    demo.Demo.report(short, made)
+    with pytest.raises(ManipulatorError, match='attenuation too low: x .*no real-time'):
+        demo.Demo.report(long, made)
+
+
+def test_noise_of_the_force_sensor_is_not_contact():
+    noise = np.random.default_rng(0).normal(0.0, 0.5, 4000)
+    (panel,) = demo_report.force(
+        run(force=noise + 30.0 * (np.arange(4000) > 3000))
+    ).axes
+    share = float(re.search(r'for ([\d.]+) %', panel.get_title())[1])
+    assert share == pytest.approx(25.0, abs=0.3)
+    assert panel.lines[0].get_ydata()[-1] == pytest.approx(30.0, abs=1.0)
+
+
+def test_run_with_too_few_samples_is_rejected():
+    with pytest.raises(ManipulatorError, match='since the first reference, minimum'):
+        Run([()] * 4, Scenario())
