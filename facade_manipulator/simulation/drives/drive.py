@@ -168,8 +168,7 @@ class SimulatedDrive:
             return self._on_nmt if length == 2 else None
         state = self.objects.nmt.state
         values = self.objects.values
-        master, timeout = self._supervised_heartbeat
-        if timeout and cob_id == cob_ids.HEARTBEAT + master:
+        if cob_id >= cob_ids.HEARTBEAT and self._is_supervised(cob_id):
             return self._on_heartbeat if length == 1 else None
         sync_cob_id = values[indices.COB_ID_SYNC, 0] & cob_ids.COB_ID_BITS
         if state == 'OPERATIONAL' and cob_id == sync_cob_id:
@@ -191,6 +190,11 @@ class SimulatedDrive:
         """Return the heartbeat of the master; a drive without 1016h supervises none."""
         value = self.objects.values.get(_SUPERVISED_HEARTBEAT, 0)
         return SupervisedHeartbeat.decode(value)
+
+    def _is_supervised(self, cob_id: int) -> bool:
+        """Return whether a COB-ID is that of the heartbeat of the master."""
+        master, timeout = self._supervised_heartbeat
+        return bool(timeout) and cob_id == cob_ids.HEARTBEAT + master
 
     def _on_heartbeat(self, cob_id: int, data: bytes, now: float) -> None:
         self._master_due = now + 1e-3 * self._supervised_heartbeat.timeout
