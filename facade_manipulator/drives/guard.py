@@ -158,10 +158,9 @@ class Guard:
 
     def allowed_speed(self, *path: PerCarriage) -> float:
         """Return the speed that is allowed at all positions (q1, q2, q3) [m] of a path [m/s]."""
-        left = self._left
-        right = self._right
-        nearest = min([min(q3 - q1 + left, q2 - q3 + right) for q1, q2, q3 in path])
-        return self._separation.speed(nearest)
+        left = self._left + min([q3 - q1 for q1, _, q3 in path])
+        right = self._right + min([q2 - q3 for _, q2, q3 in path])
+        return self._separation.speed(min(left, right))
 
 
 class Unguarded:
