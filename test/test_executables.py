@@ -141,7 +141,8 @@ def test_interrupt_during_the_import_prints_no_traceback(tmp_path, name, delay):
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=DEADLINE)
     assert 'Traceback' not in errors
-    assert process.returncode in (0, executables.INTERRUPTED)
+    # an interpreter that is about to end has the default action of the signal again
+    assert process.returncode in (0, executables.INTERRUPTED, -signal.SIGINT)
 
 
 def test_extras_install_the_packages_that_messages_name():
