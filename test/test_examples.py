@@ -15,7 +15,12 @@ from facade_manipulator import config_path
 from facade_manipulator.client import ManipulatorClient
 
 FOLDER = Path(facade_manipulator.__file__).parents[1] / 'docs/examples'
-EXAMPLES = ['supervisor_with_client', 'supervisor_with_rclpy']
+CLIENT = 'supervisor_with_client'
+RCLPY = 'supervisor_with_rclpy'
+EXAMPLES = [CLIENT, RCLPY]
+# both examples recover by the same steps, and each run takes half a minute
+of_client = pytest.mark.parametrize('begin', [CLIENT], indirect=True)
+of_rclpy = pytest.mark.parametrize('begin', [RCLPY], indirect=True)
 QUESTION = 'then press Enter'
 FREEZE = 1.0  # s, far beyond what drives forgive
 LONG = 90.0  # s; a crashed publisher of driver/status counts for up to 20 s
@@ -114,6 +119,7 @@ def test_example_sends_no_request_before_confirmation(driver, begin, ros):
     assert driver_state() == 'unconfigured'
 
 
+@of_rclpy
 def test_example_continues_after_a_confirmed_fault(driver, begin):
     operator = begin('--strokes', '4')
     operator.confirm_until('stroke 1 of')
@@ -125,6 +131,7 @@ def test_example_continues_after_a_confirmed_fault(driver, begin):
     assert '\nclear_faults\nactivate\n' in operator.output()
 
 
+@of_client
 def test_example_continues_with_a_restarted_driver(driver, start_driver, begin):
     operator = begin('--strokes', '4')
     operator.confirm_until('stroke 1 of')
@@ -135,6 +142,7 @@ def test_example_continues_with_a_restarted_driver(driver, start_driver, begin):
     assert operator.output().count('\nconfigure\nhome\nactivate\n') == 2
 
 
+@of_client
 def test_example_presses_on_the_wall(driver, begin, start_process):
     start_process(
         'facade_manipulator.simulation.gondola_simulator',
