@@ -130,7 +130,7 @@ def test_each_parameter_error_has_a_specific_next_step():
     ] == []
 
 
-def test_parameter_error_keeps_the_next_step_of_an_inner_error():
+def test_parameter_error_keeps_an_inner_next_step():
     inner = ParameterError('rate is wrong; next: set 100 Hz')
     outer = ParameterError(f'file rejected: {inner}')
     assert str(outer) == 'file rejected: rate is wrong; next: set 100 Hz'

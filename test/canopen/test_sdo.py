@@ -423,7 +423,7 @@ def test_value_is_truncated_to_the_size_in_the_eds(answer, value):
     assert found == bytes.fromhex(value)
 
 
-def test_answer_after_a_closed_transfer_is_not_used_by_the_next():
+def test_answer_of_a_closed_transfer_is_not_used():
     drive = ScriptedDrive(lambda _: ())
     closed = drive.channel.read(0x1000, 0)
     next(closed)

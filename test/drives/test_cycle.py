@@ -99,7 +99,7 @@ def test_late_syncs_keep_their_minimum_distance(delays):
 
 
 @pytest.mark.parametrize(('step', 'skipped'), [(0.7, 0), (1.5, 0), (2.95, 2)])
-def test_periods_without_sync_of_a_late_loop_count_as_skipped(step, skipped):
+def test_late_loop_counts_periods_without_sync(step, skipped):
     clock = started()
     clock.begin(0.0, 0.0)
     clock.finish(step * T)

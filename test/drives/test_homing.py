@@ -270,7 +270,7 @@ def test_push_after_a_cancelled_homing_stops_nothing(make_rig):
     assert rig.snapshot.unhomed == ('q1', 'q2', 'q3')
 
 
-def test_halt_at_the_end_of_homing_says_that_it_is_cancelled(rig):
+def test_halt_at_the_end_of_homing_cancels_it(rig):
     rig.request('configure')
     job = rig.ask('home')
     rig.until(lambda: rig.controller.group.state is GroupState.DEACTIVATING, 30.0)

@@ -84,7 +84,7 @@ def test_granted_priority_and_cpu_are_not_reported(requests, priority, cpu):
     assert ('sched_setaffinity', (0, {cpu})) in requests
 
 
-def test_priority_is_that_of_all_threads_but_of_no_child(requests):
+def test_priority_covers_all_threads_but_no_child(requests):
     release = threading.Event()
     thread = threading.Thread(target=release.wait)
     thread.start()

@@ -54,7 +54,7 @@ def machine():
     return Machine()
 
 
-def test_single_pose_is_approached_from_the_head_after_a_pause(machine):
+def test_single_pose_is_approached_after_a_pause(machine):
     machine.follow(POSE)
     machine.run(STREAM_GAP - PERIOD)
     assert machine.setpoints == []

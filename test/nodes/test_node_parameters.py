@@ -118,7 +118,7 @@ def test_name_of_another_process_is_accepted_for_all_nodes(ros, tmp_path, capfd)
     assert 'horizon' not in capfd.readouterr().err
 
 
-def test_wrong_value_of_another_process_does_not_end_a_node(ros, tmp_path):
+def test_wrong_value_of_another_process_ends_no_node(ros, tmp_path):
     file = tmp_path / 'parameters.yaml'
     file.write_text(
         '/**: {ros__parameters: {limits.jerk: 100.0}}\n'
