@@ -169,9 +169,11 @@ class _Transfer:
     def __str__(self) -> str:
         return f'object {self.index:04X}h:{self.subindex:02X}'
 
-    def request(self, first: int, content: int = 0) -> bytes:
-        """Return the first request of a transfer with a number as its content."""
-        return struct.pack('<BHBL', first, self.index, self.subindex, content)
+    def download_request(self, size: int) -> bytes:
+        """Return the request that begins a segmented download of a size [bytes]."""
+        return struct.pack(
+            '<BHBL', _SEGMENTED_DOWNLOAD_REQUEST, self.index, self.subindex, size
+        )
 
     def receive(self, data: bytes) -> None:
         """Store only the first answer to a request, because a faulty drive may send many."""
@@ -260,7 +262,8 @@ class SdoChannel:
         return len(variable) // 8
 
     @property
-    def _title(self) -> str:
+    def title(self) -> str:
+        """Return name and node id for the operator."""
         return f'{self.name} (node {self.node_id})'
 
     def _repeat(
@@ -275,11 +278,11 @@ class SdoChannel:
                 continue
         if transfer.short_length is not None:
             raise DriveTimeoutError(
-                f'{self._title} answers for {transfer} with {transfer.short_length} bytes, which '
+                f'{self.title} answers for {transfer} with {transfer.short_length} bytes, which '
                 'is too short for the value; next: ask its maker for another firmware'
             )
         raise DriveTimeoutError(
-            f'{self._title} does not answer for {transfer} within {ATTEMPTS} × '
+            f'{self.title} does not answer for {transfer} within {ATTEMPTS} × '
             f'{self.response_timeout:g} s: check its power, its node id and the bit rate'
         )
 
@@ -287,9 +290,8 @@ class SdoChannel:
 
     def _upload(self, transfer: _Transfer) -> Steps[bytes]:
         """Return the bytes of an object, of the size in the EDS at most."""
-        answer = yield from self._ask(
-            transfer, transfer.request(_UPLOAD_REQUEST), _UPLOAD
-        )
+        request = upload_request(transfer.index, transfer.subindex)
+        answer = yield from self._ask(transfer, request, _UPLOAD)
         first = answer[0]
         size: int | None = None  # without a size in the answer
         if first & _EXPEDITED:
@@ -325,7 +327,7 @@ class SdoChannel:
             request = expedited_download(transfer.index, transfer.subindex, data)
             yield from self._ask(transfer, request, _DOWNLOAD)
             return
-        request = transfer.request(_SEGMENTED_DOWNLOAD_REQUEST, len(data))
+        request = transfer.download_request(len(data))
         yield from self._ask(transfer, request, _DOWNLOAD)
 
         toggle = 0
@@ -366,7 +368,7 @@ class SdoChannel:
         """Send a request of a transfer, unless its time is over."""
         if self._now() > self.deadline:
             raise DriveTimeoutError(
-                f'{self._title} was still busy with {transfer} when the time for this request was '
+                f'{self.title} was still busy with {transfer} when the time for this request was '
                 'over: it answers too slowly, or without an end'
             )
         cob_id = cob_ids.SDO_REQUEST + self.node_id
@@ -381,7 +383,7 @@ class SdoChannel:
         """Return the error for the abort code of a drive."""
         meaning = SdoAbortedError.CODES.get(code, 'no further reason')
         return SdoAbortError(
-            f'{self._title} rejects {transfer}: {meaning[:1].lower()}{meaning[1:]} (abort '
+            f'{self.title} rejects {transfer}: {meaning[:1].lower()}{meaning[1:]} (abort '
             f'{code >> 16:04X} {code & 0xFFFF:04X}h)',
             code,
         )

@@ -19,10 +19,9 @@ PRODUCER = 1 << 30  # bit of 1005h: the node sends SYNC with the period 1006h [u
 class SyncProducer:
     """SYNC that one drive sends itself, although this master sends it."""
 
-    def __init__(self, title: str) -> None:
+    def __init__(self) -> None:
         self.is_found = False  #: whether the drive was found to send SYNC
         self.period = 0.0  #: period of this SYNC [s]
-        self._title = title
 
     def find(self, objects: SdoChannel) -> Steps[int]:
         """Return the value of 1005h, and record whether the drive sends SYNC."""
@@ -40,7 +39,7 @@ class SyncProducer:
             return []
 
         silenced = cob_id & ~PRODUCER
-        found = f'{self._title} sends SYNC itself (1005h = {cob_id:X}h)'
+        found = f'{objects.title} sends SYNC itself (1005h = {cob_id:X}h)'
         remedy = f'store 1005h = {silenced:X}h in the drive'
         data = silenced.to_bytes(4, 'little')
         try:

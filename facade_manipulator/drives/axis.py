@@ -110,15 +110,19 @@ class Axis:
         self.homing = Homing(self.name, self.settings, period, needs_bit_10)
         self.encoder.begin_homing()
 
+    @property
+    def has_found_home(self) -> bool:
+        """Return whether the homing in progress, or the last, has found home."""
+        return self.homing is not None and self.homing.is_homed
+
     def watch_home(self) -> None:
         """Judge the positions of a drive that has found home: while others home, it may slip."""
-        if self.homing is not None and self.homing.is_homed:
+        if self.has_found_home:
             self.encoder.find_home()
 
     def end_homing(self) -> None:
         """Record whether the axis is homed, once its positions have settled."""
-        is_homed = self.homing is not None and self.homing.is_homed
-        self.encoder.end_homing(is_homed)
+        self.encoder.end_homing(self.has_found_home)
 
     def cancel_homing(self) -> None:
         """Record that the axis is not homed, and no longer judge its position."""

@@ -161,7 +161,7 @@ def _encoded(drive: SdoChannel, write: Write) -> Steps[bytes]:
     value = write.value % (1 << 8 * size)
     if value != write.value and value - (1 << 8 * size) != write.value:
         raise DriveObjectError(
-            f'{drive.name} (node {drive.node_id}): {write.value} does not fit into the '
+            f'{drive.title}: {write.value} does not fit into the '
             f'{size} bytes of object {write}'
         )
     return value.to_bytes(size, 'little')
@@ -177,7 +177,7 @@ def _difference(drive: SdoChannel, write: Write) -> Steps[str]:
     if not (found ^ expected) & mask:
         return ''
     return (
-        f'{drive.name} (node {drive.node_id}): object {write} reads back as {found} '
+        f'{drive.title}: object {write} reads back as {found} '
         f'({found:X}h) instead of {expected} ({expected:X}h)'
     )
 
@@ -269,7 +269,7 @@ def check_identity(
     distinguishes swapped axes from a replaced drive. Raises a DriveObjectError that names the
     difference.
     """
-    where = f'{drive.name} (node {drive.node_id})'
+    where = drive.title
     device_type = yield from drive.read_number(indices.DEVICE_TYPE)
     kind = device_type & 0xFFFF
     if kind != DEVICE_TYPE:

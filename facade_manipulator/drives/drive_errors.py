@@ -50,16 +50,15 @@ class DriveErrors:
         if meaning.is_warning:
             self.warning = f'it warns: {meaning.message}: {meaning.remedy}'
             return None
-        return self._receive(code)
+        return self._receive(code, meaning)
 
     def receive_code(self, code: int) -> Cause | None:
         """Receive the error code 603Fh of a drive in fault; return the cause of a stop if new."""
         if code == self.code or is_error_reset(code):
             return None
-        return self._receive(code)
+        return self._receive(code, fault(code, self._meanings))
 
-    def _receive(self, code: int) -> Cause:
-        meaning = fault(code, self._meanings)
+    def _receive(self, code: int, meaning: Fault) -> Cause:
         self.code = code
         self.message = meaning.message
         if meaning.loses_position:

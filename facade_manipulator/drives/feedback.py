@@ -14,10 +14,9 @@ from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.encoder import Encoder
 from facade_manipulator.drives.profile import DriveProfile
-from facade_manipulator.drives.states import State, Status, STATUSWORDS
+from facade_manipulator.drives.states import decode_state, State, Status
 
 REST_SPEED = 0.002  # m/s, below which a carriage is at rest
-ENABLED_MASK, ENABLED = STATUSWORDS[State.OPERATION_ENABLED]
 # in the order of SiPerUnit
 MEASURED_OBJECTS = (
     indices.ACTUAL_POSITION,
@@ -96,7 +95,7 @@ class Feedback:
         self.position = newest.get(indices.ACTUAL_POSITION)
         self.counts = encoder.counts or 0
         self.statusword = newest.get(indices.STATUSWORD, 0)
-        is_enabled = self.statusword & ENABLED_MASK == ENABLED
+        is_enabled = decode_state(self.statusword) is State.OPERATION_ENABLED
         self.mode = None
         if is_enabled or not self._quirks.hides_mode:
             self.mode = newest.get(indices.MODE_DISPLAY, 0)

@@ -27,7 +27,6 @@ NODE_PRIORITY = 15
 LONGEST_RUN = 1  # s without a pause, after which a process loses its priority
 KILL_TIME = 3  # s without a pause, after which the kernel kills it
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
-_REALTIME = (os.SCHED_FIFO, os.SCHED_RR)
 _SWITCH_INTERVAL = (
     0.0005  # s: a step may not wait for the interpreter's default of 5 ms
 )
@@ -86,7 +85,7 @@ def request_node_priority() -> None:
 
     The nodes work without it. The control loop logs what the system must permit.
     """
-    if os.sched_getscheduler(0) in _REALTIME:
+    if realtime_priority():
         return
     with suppress(OSError):
         set_priority(NODE_PRIORITY)

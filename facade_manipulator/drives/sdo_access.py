@@ -92,7 +92,7 @@ class SdoAccess:
         #: whether the drive, as it was configured, stops when this computer falls silent
         self.stops_without_master = False
         self.guard_time = 0.0  #: period in which a master may guard the drive [s]
-        self.sync = SyncProducer(title)
+        self.sync = SyncProducer()
         self._title = title
         self._axis = axis
         self._profile = profile

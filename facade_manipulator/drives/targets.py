@@ -71,7 +71,8 @@ class TargetSupervisor:
         try:
             actual = positions_of(self._axes)
             if is_homing:
-                self.guard.check_homing(actual, self._homed())
+                homed = tuple([axis.has_found_home for axis in self._axes])
+                self.guard.check_homing(actual, homed)
             else:
                 self.guard.check_measured(actual)
         except ManipulatorError as error:
@@ -91,13 +92,6 @@ class TargetSupervisor:
             self._latched.append(self.positions)
             for cause in self._lags(actual):
                 group.stop(cause, now)
-
-    def _homed(self) -> tuple[bool, ...]:
-        """Return which axes are homed by the homing in progress."""
-        homed = []
-        for axis in self._axes:
-            homed.append(axis.homing is not None and axis.homing.is_homed)
-        return tuple(homed)
 
     def _lags(self, actual: PerCarriage) -> Iterator[Cause]:
         """
