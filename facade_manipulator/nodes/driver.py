@@ -226,13 +226,15 @@ class DriverNode(ManagedNode):
         elif math.isinf(self._active_since):
             self._active_since = now
 
-        has_changed = self._outcome() != self._published_outcome
+        outcome = self._outcome()
+        has_changed = outcome != self._published_outcome
         if has_changed or now >= self._status_due:
-            self._published_outcome = self._outcome()
+            self._published_outcome = outcome
             self._status_due = now + STATUS_PERIOD
-            self._status.publish(self._operation())
-        if has_changed or snapshot.component_states() != self._published_states:
-            self._published_states = snapshot.component_states()
+            self._status.publish(self._operation(outcome))
+        states = snapshot.component_states()
+        if has_changed or states != self._published_states:
+            self._published_states = states
             self.diagnostics.publish()
 
     def _outcome(self) -> DriverOutcome:
@@ -245,9 +247,9 @@ class DriverNode(ManagedNode):
         activity = self._loop.stream_status().activity
         return outcome_of(self._loop.snapshot(), activity, problems)
 
-    def _operation(self) -> DiagnosticStatus:
+    def _operation(self, outcome: DriverOutcome) -> DiagnosticStatus:
         return driver_diagnostics.operation_status(
-            self._outcome(),
+            outcome,
             self._loop.snapshot(),
             self._loop.stream_status(),
             system_time(self._active_since),
@@ -257,7 +259,7 @@ class DriverNode(ManagedNode):
     def _components(self) -> list[DiagnosticStatus]:
         snapshot = self._loop.snapshot()
         return [
-            self._operation(),
+            self._operation(self._outcome()),
             driver_diagnostics.bus_status(snapshot, not self._is_simulated),
             *map(driver_diagnostics.axis_status, snapshot.axes),
         ]
