@@ -17,7 +17,9 @@ from operator import attrgetter
 
 from facade_manipulator.estimation.rail_pose_model import FilterState, ImuInput, Process
 
-SPAN = 0.4  # s, length of the history: more than `OLDEST` of `inputs`, the maximum age
+SPAN = (
+    0.4  # s, length of the history: more than `OLDEST` of `imu_checks`, the maximum age
+)
 LONGEST = 0.011  # s, maximum step that averages inputs: two at 200 Hz lose no accuracy
 
 _stamp = attrgetter('stamp')

@@ -1,9 +1,9 @@
 """
 Estimator of the rail's pose on the façade, from an IMU and sensors of the wall.
 
-An extended Kalman filter over the last 0.4 s, driven by the IMU: `model` has the equations,
-`history` puts late measurements in order, `channel` finds the level of the wall to which a
-measurement belongs.
+An extended Kalman filter over the last 0.4 s, driven by the IMU: `rail_pose_model` has the
+equations, `history` puts late measurements in order, `wall_depth_levels` finds the level of the
+wall to which a measurement belongs.
 """
 
 from __future__ import annotations
@@ -74,6 +74,16 @@ class DisturbanceEstimator:
             own_levels = levels if is_distance else [Level(0.0)]
             self.channels[sensor.name] = Channel(sensor, own_levels)
             states += sensor.states
+        # they measure the same axes and share their levels
+        self._distances: list[Channel] = []
+        others: list[list[Channel]] = []
+        for channel in self.channels.values():
+            if isinstance(channel.sensor, rail_pose_model.DistanceSensor):
+                self._distances.append(channel)
+            else:
+                others.append([channel])
+        # sensors that start together
+        self._groups = [self._distances, *others] if self._distances else others
         self._middle = rail_pose_model.pose_sensors(
             'rail', (0.0, 0.0, 0.0), 0.0, setup.imu
         )
@@ -177,7 +187,7 @@ class DisturbanceEstimator:
                 )
             self._history.add_input(self._now, None)
 
-        for group in self._groups():
+        for group in self._groups:
             if not self.started.issuperset(group[0].sensor.axes):
                 self._start(group)
         self._give_up_lost_axes()
@@ -196,24 +206,6 @@ class DisturbanceEstimator:
                 deviation = math.sqrt(covariance[index, index])
                 delays[name] = (sensor.delay + float(mean[index]), deviation)
         return delays
-
-    def _groups(self) -> list[list[Channel]]:
-        """Return the sensors that start together: all distances, and each other sensor."""
-        distances = self._distances
-        groups = [distances] if distances else []
-        for channel in self.channels.values():
-            if channel not in distances:
-                groups.append([channel])
-        return groups
-
-    @property
-    def _distances(self) -> list[Channel]:
-        """Return the distance sensors, which measure the same axes and share their levels."""
-        found = []
-        for channel in self.channels.values():
-            if isinstance(channel.sensor, rail_pose_model.DistanceSensor):
-                found.append(channel)
-        return found
 
     def _correct(
         self, step: Step, measurement: Measurement

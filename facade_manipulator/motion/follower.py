@@ -176,7 +176,7 @@ class SetpointFollower:
             return
         self.motion = self._limiter.slow(self.motion, seconds)
         try:
-            self._stop = self._checked_stop(self._limiter, self.motion)
+            self._stop = self._checked_stop(self.motion)
         except ManipulatorError:
             self.motion = CarriageMotion(self.motion.position)
             self._stop = iter(())
@@ -323,7 +323,7 @@ class SetpointFollower:
             if motion is None:
                 motion = limiter.chase(before, position, velocity)
                 activity = Activity.LIMITED
-            self._stop = self._checked_stop(limiter, motion)
+            self._stop = self._checked_stop(motion)
         except ManipulatorError as error:
             return self._brake(before, error.problem)
 
@@ -332,15 +332,13 @@ class SetpointFollower:
             self.limited_cycles += 1
         return motion
 
-    def _checked_stop(
-        self, limiter: PathLimiter, motion: CarriageMotion
-    ) -> Iterator[CarriageMotion]:
+    def _checked_stop(self, motion: CarriageMotion) -> Iterator[CarriageMotion]:
         """
         Return the path to rest; raise a ManipulatorError if it is not allowed.
 
         On the path, a carriage must also be able to stop before a neighbour that stops at once.
         """
-        path = limiter.stop(motion)
+        path = self._limiter.stop(motion)
         positions = [position for position, _, _ in reversed(path)]
         # The end of the path is checked first, because it fails most often. Each position is a
         # target if the carriages brake, and is then checked once more before it is sent.
@@ -358,7 +356,7 @@ class SetpointFollower:
                     self._fastest_at(position),
                     'm/s',
                 )
-        return _motions(limiter, motion, path[1:])
+        return _motions(self._limiter, motion, path[1:])  # of the present limits
 
     def _silence(self) -> str:
         """Return why the stream has no target."""
