@@ -103,7 +103,7 @@ def test_priority_covers_all_threads_but_no_child(requests):
 
 
 def test_node_started_with_a_priority_keeps_it(monkeypatch, requests):
-    monkeypatch.setattr(os, 'sched_getscheduler', lambda _: os.SCHED_RR)
+    monkeypatch.setattr(os, 'sched_getparam', lambda _: os.sched_param(5))
     request_node_priority()
     assert requests == []
 
