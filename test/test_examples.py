@@ -8,7 +8,7 @@ import time
 
 import pytest
 from stack import begun
-from support import children, DEADLINE, wait_until
+from support import children, wait_until
 
 import facade_manipulator
 from facade_manipulator import config_path
@@ -136,7 +136,7 @@ def test_example_continues_with_a_restarted_driver(driver, start_driver, begin):
     operator = begin('--strokes', '4')
     operator.confirm_until('stroke 1 of')
     os.kill(driver.pid, signal.SIGKILL)
-    wait_until(lambda: driver.poll() is not None, 'the end of the driver', DEADLINE)
+    wait_until(lambda: driver.poll() is not None, 'the end of the driver')
     start_driver()
     operator.confirm_until_end()
     assert operator.output().count('\nconfigure\nhome\nactivate\n') == 2

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from canopen import SdoAbortedError
-from guards import unguarded
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -25,6 +24,7 @@ from facade_manipulator.drives.configuration import (
 )
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.controller_settings import ControllerSettings
+from facade_manipulator.drives.guard import Unguarded
 from facade_manipulator.drives.profile import load_profile, quantities
 from facade_manipulator.errors import DriveError, ParameterError
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
@@ -203,7 +203,7 @@ def test_only_unused_pdos_remain_disabled():
 
 
 def controller(axes=DEFAULT_AXES) -> DriveController:
-    return DriveController(ControllerSettings(), axes, None, *unguarded(None))
+    return DriveController(ControllerSettings(), axes, None, None, Unguarded())
 
 
 # --- units and identity

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
-from guards import unguarded
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -15,6 +14,7 @@ from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.group_state import GroupState
+from facade_manipulator.drives.guard import Unguarded
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import AxisCommand, Mode
 from facade_manipulator.drives.targets import STEP_MARGIN, TargetSupervisor
@@ -62,7 +62,7 @@ class Drives:
             axis.feedback.counts = counts
         self.source = Source()
         self.group = Group(self.axes, settings)
-        self.targets = TargetSupervisor(self.group, settings, *unguarded(self.source))
+        self.targets = TargetSupervisor(self.group, settings, self.source, Unguarded())
         self.choose(GroupState.INACTIVE, OFF)
 
     def choose(self, state: GroupState, command: AxisCommand = ON) -> None:

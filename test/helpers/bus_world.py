@@ -16,12 +16,12 @@ import math
 
 from cycle_checks import CycleChecks
 from fake_bus import BusWorld
-from guards import guarded_follower
 from replies import future_of
 
 from facade_manipulator.canopen import sdo
 from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.clock import SteadyTime
+from facade_manipulator.control_loop.control_loop import guarded_follower
 from facade_manipulator.control_loop.loop_channel import LoopSetup
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller import DriveController, REQUESTS
@@ -68,9 +68,10 @@ class Rig(BusWorld):
         self._told = 0
         self._steady_time = SteadyTime(self.clock)
         setup = LoopSetup(Geometry(), settings, axes, limits=limits or MotionLimits())
-        self.follower, *parts = guarded_follower(setup, checks)
+        self.follower, guard = guarded_follower(setup)
+        vars(guard).update(checks)
         self.controller = DriveController(
-            settings, axes, self.open_bus, *parts, self.clock
+            settings, axes, self.open_bus, self.follower, guard, self.clock
         )
         self.controller.observe = self._observe
         self.checks = CycleChecks(self)
