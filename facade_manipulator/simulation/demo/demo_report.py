@@ -34,13 +34,19 @@ PATHS = (  # paths of a run: colour, name, marker and its size
 AXES = 'x, along the wall', 'y, to the wall', 'θ, yaw'
 ELAPSED = 'time since the first goal [s]'
 HIGHEST_FREQUENCY = 10.0  # Hz
+RMS_TIME = 1.0  # s, over which an error in the picture is averaged
+AMPLIFICATION = (
+    'where blue is above grey, the gondola hardly moves:\n'
+    'the head follows the noise of the estimate and the limits of the drives'
+)
 READINGS = 10  # of the force in a mean, 0.1 s: the noise of a reading is 0.5 N
 TOUCH = 1.0  # N, above which the averaged force is a contact
 DURATION = 12.0  # s, of the animation
 FRAME_PERIOD = 0.25  # s
 TRAIL = 3.0  # s, of a path in the animation
-# m, as drawn; the wall is behind the place of the brush's tips
-BRUSH = 0.08
+PALE = 0.25  # opacity of the mechanism without compensation
+# m, as drawn; as in config/gondola.xml the pose of the head is that of the tips of its brush
+BRUSH_DEPTH = 0.06
 BRUSH_WIDTH = 0.3
 GONDOLA = Pose(-0.6, -0.15, 0.0)  # corner in frame rail [m]
 GONDOLA_SIZE = (1200.0, 120.0)  # mm
@@ -129,47 +135,62 @@ def draw(run: Run) -> dict[str, bytes]:
 
 
 def errors(run: Run) -> Figure:
-    """Draw the errors by time and by frequency, and the compensated errors magnified."""
+    """Draw the errors over time and by frequency."""
     made = figure(
-        16, 9, 'Error of the head on the wall: RMS without → with compensation'
+        13, 9, 'Error of the head on the wall: RMS without → with compensation'
     )
     learned, *_, end = run.times[run.is_counted]
     lowest = 1.0 / (end - learned)  # Hz
-    rows = made.subplots(3, 3, sharex='col')
-    for i, (both, magnified, amplitudes) in enumerate(rows):
+    rows = made.subplots(3, 2, sharex='col')
+    for i, (over_time, by_frequency) in enumerate(rows):
         _, scale, unit = POSE_AXES[i]
         series = scale * run.errors[:, :, i]
         for values, (colour, path, *_) in zip(series, PATHS, strict=False):
-            both.plot(run.times, values, color=colour, lw=1.0, label=path)
+            times, rms = _running_rms(run.times, values)
+            over_time.plot(times, rms, color=colour, lw=1.0, label=path)
             counted = values[run.is_counted]
             # the spectrum has half the amplitude of a sine
             doubled = 2.0 * (counted - counted.mean())
-            amplitudes.magnitude_spectrum(doubled, Fs=RATE, color=colour, lw=1.0)
-        amplitudes.set(xscale='log', yscale='log', ylim=(1e-4, 1e3))
-        amplitudes.set_xlim(lowest, HIGHEST_FREQUENCY)
+            by_frequency.magnitude_spectrum(doubled, Fs=RATE, color=colour, lw=1.0)
+        over_time.set(yscale='log')
+        over_time.axvspan(
+            0.0,
+            learned,
+            color=PINK,
+            alpha=0.12,
+            lw=0.0,
+            label='not counted: the correction fades in and learns',
+        )
+        by_frequency.set(xscale='log', yscale='log', ylim=(1e-4, 1e3))
+        by_frequency.set_xlim(lowest, HIGHEST_FREQUENCY)
 
-        _, compensated = series
-        highest = 1.5 * np.abs(compensated[run.is_counted]).max()
-        magnified.plot(run.times, compensated, color=BLUE, lw=1.0)
-        magnified.set_ylim(-highest, highest)
-
-        for panel, x, title in (
-            (both, ELAPSED, f'RMS {run.figures[i]}'),
-            (magnified, ELAPSED, 'with compensation, magnified'),
-            (amplitudes, 'frequency [Hz]', 'amplitude by frequency'),
-        ):
-            label(panel, x if i == 2 else '', f'{AXES[i]} [{unit}]', title)
-            if x == ELAPSED:
-                panel.axvspan(
-                    0.0,
-                    learned,
-                    color=PINK,
-                    alpha=0.12,
-                    lw=0.0,
-                    label='not counted: the correction fades in and learns',
-                )
-    made.legend(*both.get_legend_handles_labels(), loc='outside lower center', ncols=3)
+        is_last = i == len(rows) - 1
+        label(
+            over_time,
+            ELAPSED if is_last else '',
+            f'{AXES[i]}: RMS of {RMS_TIME:g} s [{unit}]',
+            f'RMS {run.figures[i]}',
+        )
+        label(
+            by_frequency,
+            'frequency [Hz]' if is_last else '',
+            f'{AXES[i]}: amplitude [{unit}]',
+            AMPLIFICATION if i == 0 else '',
+        )
+    handles = over_time.get_legend_handles_labels()
+    made.legend(*handles, loc='outside lower center', ncols=3)
     return made
+
+
+def _running_rms(
+    times: np.ndarray, values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the middles of all intervals of `RMS_TIME`, and the RMS of the values in each."""
+    count = min(len(values), round(RMS_TIME * RATE))
+    weights = np.full(count, 1.0 / count)
+    mean_squares = np.convolve(values**2, weights, 'valid')
+    middles = np.convolve(times, weights, 'valid')
+    return middles, np.sqrt(mean_squares)
 
 
 def force(run: Run) -> Figure:
@@ -197,8 +218,9 @@ def force(run: Run) -> Figure:
 
 def linkage(run: Run) -> list[Image.Image]:
     """Draw the frames of an animation of the last seconds of a run."""
-    made = figure(8, 5.25, 'The head on the wall, seen from above')
+    made = figure(8, 5.5, 'The head on the wall, seen from above')
     made.set_dpi(80)
+    made.set_layout_engine('compressed')
     panel = made.subplots()
     canvas = FigureCanvasAgg(made)
     images: list[Image.Image] = []
@@ -208,7 +230,9 @@ def linkage(run: Run) -> list[Image.Image]:
         draw_moment(panel, run, now)
         if not images:
             made.legend(loc='outside lower center', ncols=3)
-            made.draw_without_rendering()
+            # equal scales change the size of the axes, so the layout settles in two passes
+            canvas.draw()
+            canvas.draw()
             # a layout of each frame would take as long as drawing
             made.set_layout_engine('none')
         canvas.draw()
@@ -218,19 +242,31 @@ def linkage(run: Run) -> list[Image.Image]:
 
 
 def draw_moment(panel: Axes, run: Run, now: int) -> None:
-    """Draw wall, gondola, mechanism and paths at a sample; the axes show the whole run."""
+    """
+    Draw wall, gondola, mechanism and paths at a sample; the axes show the whole run.
+
+    The pale mechanism stands still on the rail, as without compensation.
+    """
     rail = Pose(*run.rails[now])
-    head = Pose(*run.paths[1, now])
-    wall = run.scenario.wall.distance + BRUSH
+    without, head, _ = (Pose(*path[now]) for path in run.paths)
+    wall = run.scenario.wall.distance
     panel.axhspan(1e3 * wall, 1e3 * wall + 1e3, color='#c9c2b0', label='wall')
     gondola = compose(rail, GONDOLA)
     _draw_rectangle(panel, gondola, *GONDOLA_SIZE, color='#b7cbd9', label='gondola')
-    brush = compose(head, Pose(-0.5 * BRUSH_WIDTH, 0.0, 0.0))
-    width = 1e3 * BRUSH_WIDTH
-    depth = 1e3 * min(BRUSH, wall - head.y)
-    _draw_rectangle(panel, brush, width, depth, color='#b3dfd2', label='brush')
-    with suppress(LimitError):  # an interpolated head may be out of reach
-        draw_mechanism(panel, Geometry(), relative(rail, head), rail=rail)
+    brush = compose(head, Pose(-0.5 * BRUSH_WIDTH, -BRUSH_DEPTH, 0.0))
+    _draw_rectangle(
+        panel,
+        brush,
+        1e3 * BRUSH_WIDTH,
+        1e3 * BRUSH_DEPTH,
+        color='#b3dfd2',
+        label='brush',
+    )
+    for pose, opacity in (without, PALE), (head, 1.0):
+        with suppress(LimitError):  # an interpolated head may be out of reach
+            draw_mechanism(
+                panel, Geometry(), relative(rail, pose), alpha=opacity, rail=rail
+            )
 
     begin = max(0, now - round(TRAIL * RATE))
     for (colour, name, marker, size), path in zip(PATHS, run.paths, strict=True):
@@ -253,13 +289,13 @@ def draw_moment(panel: Axes, run: Run, now: int) -> None:
     panel.set_xlim(left - 700.0, right + 700.0)
     panel.set_ylim(low - 250.0, 1e3 * wall + 100.0)
     panel.set_aspect('equal')
-    without, error = (millimetres(Pose(*values)) for values in run.errors[:, now])
+    before, after = (millimetres(Pose(*values)) for values in run.errors[:, now])
     label(
         panel,
         'x along the wall [mm]',
         'y to the wall [mm]',
         f'{run.times[now]:.1f} s\n'
-        f'error without compensation: {without}\nerror with compensation: {error}',
+        f'error without compensation: {before}\nerror with compensation: {after}',
     )
 
 

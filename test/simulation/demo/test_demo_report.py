@@ -39,15 +39,46 @@ def test_figures_and_spectrum_show_the_recorded_error():
     )
     assert made.rms[0, 1] == pytest.approx(1e-3 / math.sqrt(2), rel=0.02)
     assert re.fullmatch(r'x 35[\d.]* → 0.7\d* mm \([\d.]+ dB\)', made.figures[0])
-    panels = demo_report.errors(made).axes
-    assert [len(panel.patches) for panel in panels[:3]] == [
-        1,
-        1,
-        0,
-    ]  # not counted at the begin
-    frequencies, amplitude = panels[2].lines[1].get_data()
+    over_time, by_frequency, *_ = demo_report.errors(made).axes
+    assert len(over_time.patches) == 1  # not counted at the begin
+    frequencies, amplitude = by_frequency.lines[1].get_data()
     assert frequencies[amplitude.argmax()] == pytest.approx(1.0, abs=0.03)
     assert amplitude.max() == pytest.approx(1.0, rel=0.2)  # between two bins
+
+
+def test_line_over_time_is_the_rms_of_each_second():
+    over_time = demo_report.errors(run(amplitude=1e-3)).axes[0]
+    _, compensated = over_time.lines
+    assert compensated.get_ydata() == pytest.approx(1.0 / math.sqrt(2), rel=0.02)
+
+
+def test_picture_of_the_errors_labels_six_panels_with_units():
+    panels = demo_report.errors(run()).axes
+    labels = [panel.get_ylabel() for panel in panels]
+    assert len(labels) == 6 and all('[' in label for label in labels)
+
+
+@pytest.fixture
+def panel():
+    return demo_report.figure(8, 5.5, '').subplots()
+
+
+def test_animation_draws_the_mechanism_with_and_without_compensation(panel):
+    made = run()
+    demo_report.draw_moment(panel, made, 100)
+    starts = np.array([line.get_xydata()[0] for line in panel.lines])
+    opacities = [line.get_alpha() for line in panel.lines]
+    for path, opacity in zip(made.paths, (demo_report.PALE, 1.0), strict=False):
+        distances = np.linalg.norm(starts - 1e3 * path[100, :2], axis=1)
+        assert distances.min() == pytest.approx(0.0, abs=0.1)
+        assert opacity in opacities
+
+
+def test_animation_draws_the_wall_at_its_distance(panel):
+    made = run()
+    demo_report.draw_moment(panel, made, 100)
+    (wall,) = (patch for patch in panel.patches if patch.get_label() == 'wall')
+    assert wall.get_y() == pytest.approx(1e3 * made.scenario.wall.distance)
 
 
 @pytest.mark.parametrize('yields', [False, True])
