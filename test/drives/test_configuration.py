@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import re
 
 from canopen import SdoAbortedError
 from hypothesis import given
@@ -187,6 +188,32 @@ def test_speed_or_acceleration_of_zero_is_rejected(setting, value, message):
     )
     with pytest.raises(ParameterError, match=f'{setting} = {message}'):
         quantities(axis, SETTINGS)
+
+
+@pytest.mark.parametrize('share_of_unit', [0.4, 0.6, 0.999])
+@pytest.mark.parametrize('setting', ['homing_speed', 'stop_deceleration', 'max_speed'])
+def test_speed_below_one_unit_names_an_accepted_minimum(setting, share_of_unit):
+    settings = {
+        'velocity_unit': 'rpm',
+        'gear_ratio': 0.5,
+        'lead': 1.0,
+        'homing_speed': 1.0,
+        'homing_zero_share': 0.5,
+    }
+    unit = abs(AxisSettings(**settings).si_per_unit.velocity)
+    if setting == 'homing_speed':
+        unit /= 0.5
+    settings[setting] = share_of_unit * unit
+    with pytest.raises(ParameterError, match='less than one unit') as error:
+        quantities(AxisSettings(**settings), SETTINGS)
+
+    _, _, minimum = str(error.value).partition('next: set at least ')
+    settings[setting] = float(minimum)
+    assert 1.0 <= settings[setting] / unit < 1.02
+    values = quantities(AxisSettings(**settings), SETTINGS)
+    for name in values:
+        if re.search('speed|velocity|acceleration|deceleration', name):
+            assert values[name] >= 1
 
 
 def test_only_unused_pdos_remain_disabled():

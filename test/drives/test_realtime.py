@@ -70,11 +70,24 @@ def test_priority_zero_requests_nothing(requests):
     assert requests == []
 
 
-def test_rejected_priority_names_the_required_permission(monkeypatch):
+def test_rejected_priority_names_the_required_permission(monkeypatch, requests):
     monkeypatch.setattr(os, 'sched_setscheduler', reject)
     (message,) = request_realtime(ControllerSettings(realtime_priority=45))
     assert 'priority 45 is rejected: it needs' in message and 'rtprio' in message
     assert 'Operation not permitted' in message
+    assert 'mlockall' not in dict(requests)
+
+
+@pytest.mark.parametrize('rejected', [(signal, 'signal'), (resource, 'setrlimit')])
+def test_priority_without_a_watchdog_is_not_requested(monkeypatch, requests, rejected):
+    def fail(*_):
+        raise ValueError('not allowed to raise maximum limit')
+
+    module, name = rejected
+    monkeypatch.setattr(module, name, fail)
+    (message,) = request_realtime(ControllerSettings(realtime_priority=45))
+    assert 'priority 45 is rejected' in message and 'maximum limit' in message
+    assert 'sched_setscheduler' not in dict(requests)
 
 
 @pytest.mark.parametrize(('priority', 'cpu'), [(1, 0), (50, 3)])
@@ -108,10 +121,17 @@ def test_node_started_with_a_priority_keeps_it(monkeypatch, requests):
     assert requests == []
 
 
-def test_node_without_permission_continues(monkeypatch):
-    monkeypatch.setattr(os, 'sched_setscheduler', reject)
+@pytest.mark.parametrize('rejected', [(os, 'sched_setscheduler'), (signal, 'signal')])
+@pytest.mark.parametrize('error', [PermissionError(1, 'no'), ValueError('no')])
+def test_node_without_permission_continues(monkeypatch, requests, rejected, error):
+    def fail(*_):
+        raise error
+
+    module, name = rejected
+    monkeypatch.setattr(module, name, fail)
     request_node_priority()
     assert realtime_priority() == 0
+    assert 'sched_setscheduler' not in dict(requests)
 
 
 @pytest.mark.realtime
