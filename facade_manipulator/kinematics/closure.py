@@ -142,7 +142,7 @@ def _close(
     projection1 = left + half * cosine
     projection2 = half * cosine - right
     if projection1 <= 0.0 or projection2 <= 0.0:
-        raise _other_working_mode(projection1, projection2)
+        raise _working_mode_error(projection1, projection2)
     return y, sine, cosine
 
 
@@ -207,7 +207,7 @@ def require_branch(
     try:
         at = links(sides, y, theta)
     except ValueError:
-        raise _not_on_branch() from None
+        raise _branch_error() from None
     _, cosine, _, _, s1, s2 = at
     _, _, half1, half2 = sides
     projection1 = left + half1 * cosine
@@ -215,11 +215,12 @@ def require_branch(
     error1 = abs(projection1 * projection1 - s1 * s1)
     error2 = abs(projection2 * projection2 - s2 * s2)
     if max(error1, error2) >= CLOSED or min(y, projection1, projection2) <= 0.0:
-        raise _not_on_branch()
+        raise _branch_error()
     require_regular(branch_number(at, half1, half2))
 
 
-def _not_on_branch() -> UnreachableError:
+def _branch_error() -> UnreachableError:
+    """Return the error of carriages whose platform is only on another branch."""
     return UnreachableError('assembly modes on the branch', 0, 1, '', 'below')
 
 
@@ -265,12 +266,20 @@ def _least_root(f0: float, f1: float, f2: float, f3: float) -> float:
     return u  # The cubic has this root, but y is not real there: the caller reports y.
 
 
-def _other_working_mode(projection1: float, projection2: float) -> UnreachableError:
-    """Return the error that names the carriage outside its platform joint."""
-    name = 'q1 - q3' if projection1 <= 0.0 else 'q3 - q2'
+def _working_mode_error(projection1: float, projection2: float) -> UnreachableError:
+    """
+    Return the error of links whose projections [m] are not both above 0.
+
+    It names the lesser projection, which is that of the carriage farther beyond its joint B.
+    """
+    name = 'q1 - q3'
+    projection = projection1
+    if projection2 < projection1:
+        name = 'q3 - q2'
+        projection = projection2
     return UnreachableError(
         f'{name} + b cos(theta)',
-        min(projection1, projection2),
+        projection,
         0.0,
         'm',
         'of another working mode, not above',

@@ -92,6 +92,19 @@ def test_carriages_of_another_working_mode_are_rejected(theta, side, name):
     )
 
 
+@pytest.mark.parametrize(
+    ('carriages', 'name'),
+    [((-0.45, 0.5, 0.0), 'q3 - q2'), ((-0.5, 0.45, 0.0), 'q1 - q3')],
+)
+def test_both_sides_of_another_working_mode_name_the_worse(carriages, name):
+    q1, q2, q3 = carriages
+    with pytest.raises(UnreachableError, match='another working mode') as error:
+        forward_kinematics(DESIGN, Carriages(q1, q2, q3))
+    assert error.value.quantity == f'{name} + b cos(theta)'
+    # at most 0.348 m are added to the greater distance from A3
+    assert -0.5 <= error.value.value <= -0.5 + 0.348
+
+
 def test_forward_pose_at_a_double_root_closes_the_links():
     geometry = Geometry(0.25, 0.45, carriage_gap=0.0)
     for q2 in [0.1 + k * 1e-3 for k in range(800)]:
