@@ -300,13 +300,17 @@ class SimulatedDrive:
             self.axis.fail(keeps_power=code >> 8 == 0x86 or code & 0xFFF8 == 0x8A80)
         self._announce()
 
-    def set_identity(self, *numbers: int) -> None:
+    def set_identity(
+        self, vendor_id: int, product_code: int, revision: int, serial_number: int
+    ) -> None:
         """
-        Replace the drive with another drive, which boots.
+        Replace the drive with another drive, which boots with the defaults of its objects.
 
-        The arguments are vendor, product code, revision and serial number.
-
+        It has the stored node id of the first drive, as if set by the same switches. The carriage
+        stays, and the encoder counts from 0 there. Injected silence and deafness continue.
         """
+        self.objects.stored = {}  # 1010h has stored them in the first drive
+        numbers = (vendor_id, product_code, revision, serial_number)
         for subindex, number in enumerate(numbers, start=1):
             self.objects.defaults[indices.IDENTITY, subindex] = number
         self.reboot()

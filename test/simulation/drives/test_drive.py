@@ -97,6 +97,18 @@ def test_wrong_value_is_rejected_with_abort_code(index, subindex, value, code):
     assert bench.read(index, subindex) == before
 
 
+def test_another_drive_has_no_values_stored_in_the_first():
+    bench = Bench().boot()
+    default = bench.read(0x1017)
+    bench.write(0x1017, 0, 77)
+    assert bench.write(0x1010, 1, 0x65766173) is None
+    bench.drive.reboot()
+    assert bench.boot().read(0x1017) == 77
+    bench.drive.set_identity(1, 2, 3, 5)
+    assert bench.boot().read(0x1017) == default
+    assert bench.read(0x1018, 4) == 5
+
+
 # --- process data
 
 
