@@ -159,8 +159,9 @@ def quantities(
         'quick_stop_deceleration': _units(ramp, 'stop_deceleration'),
         'max_velocity': _units(axis, 'max_speed'),
         'max_acceleration': _units(ramp, 'max_acceleration'),
-        'homing_switch_speed': _units(axis, 'homing_speed'),
+        # the share first, because it requires the higher homing_speed
         'homing_zero_speed': _units(axis, 'homing_speed', axis.homing_zero_share),
+        'homing_switch_speed': _units(axis, 'homing_speed'),
         'homing_acceleration': _units(ramp, 'homing_acceleration'),
         'max_motor_speed': _units(motor, 'max_speed'),
         'master_heartbeat': supervised.encode(),
@@ -179,12 +180,21 @@ def quantities(
 
 
 def _units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
-    """Return a share of a speed or acceleration in units of the drive; 0 may mean no limit."""
-    magnitude, unit = getattr(axis, name), abs(axis.si_per_unit.velocity) / share
+    """
+    Return a speed or acceleration of an axis times a share, in units of the drive.
+
+    `name` is an attribute of the settings [m/s or m/s²]. For an acceleration, the velocity unit of
+    `axis` is the drive's acceleration unit times a second. Raises a ParameterError below one unit,
+    because less may be rounded to 0, which drives may read as no limit.
+    """
+    magnitude = getattr(axis, name)
+    unit = abs(axis.si_per_unit.velocity) / share
     if magnitude < unit:
+        rounded_up = 1.01 * unit  # is above the unit also with three digits
         raise ParameterError(
-            f'axes.{name} = {magnitude:g} rejected: below {unit:.3g} it would be 0 units of the '
-            'drive, which may mean no limit; next: set at least this value'
+            f'axes.{name} = {magnitude:g} rejected: below {unit:.3g} it is less than one unit of '
+            'the drive, which may become 0 and mean no limit; '
+            f'next: set at least {rounded_up:.3g}'
         )
     return round(magnitude / unit)
 
