@@ -87,7 +87,7 @@ def request_node_priority() -> None:
     """
     if realtime_priority():
         return
-    with suppress(OSError):
+    with suppress(OSError, ValueError):
         set_priority(NODE_PRIORITY)
 
 
@@ -96,15 +96,19 @@ def set_priority(priority: int) -> None:
     Give a SCHED_FIFO priority to all threads of this process, but to none that they start.
 
     All threads wait for the lock of the interpreter, so that a thread without priority would
-    delay the others. Raises an OSError if the system does not permit it.
+    delay the others. Raises an OSError if the system does not permit it, and a ValueError outside
+    the main thread or if the limit on the time without a pause may not be set. No thread has the
+    priority then.
     """
-    _schedule(os.SCHED_FIFO, priority)
+    # First the limit, which is without effect until a thread has a priority: if it is rejected,
+    # no thread has one.
     signal.signal(signal.SIGXCPU, _give_up_priority)
     microseconds = 1_000_000
     resource.setrlimit(
         resource.RLIMIT_RTTIME,
         (LONGEST_RUN * microseconds, KILL_TIME * microseconds),
     )
+    _schedule(os.SCHED_FIFO, priority)
 
 
 def _schedule(policy: int, priority: int) -> None:
