@@ -152,14 +152,15 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
 
 
 def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:
+    """Return the level of a drive's component and its message."""
     if axis.is_silent:
         before = '' if axis.state is None else f'; before: {_words(axis.state)}'
         return 'stale', f'silent: these values are old{before}'
     if axis.state in FAULTS:
         return 'error', axis.error or 'in fault, the drive sent no error code'
-    if (
-        axis.state is None
-    ):  # not received yet: diagnostic_aggregator would make an error stale
+    if axis.state is None:
+        # Before the first SYNC is unanswered this is no fault: diagnostic_aggregator reports a
+        # stale component beside others as an error.
         return 'stale' if axis.missed else 'ok', 'no frame received yet'
     state = _words(axis.state) + ('' if axis.homed else ', not homed')
     return ('warn', f'{state}; {axis.warning}') if axis.warning else ('ok', state)
