@@ -9,11 +9,12 @@ from textwrap import dedent
 import pytest
 
 import facade_manipulator
-from facade_manipulator import topics
+from facade_manipulator import command_line, executables, topics
 from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.compensation.held_back import HOLDS
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import LimitError
+from facade_manipulator.nodes import run
 from facade_manipulator.study.figures import FIGURES
 
 ROOT = Path(facade_manipulator.__file__).parents[1]
@@ -92,6 +93,18 @@ def test_executables_in_commands_are_documented():
     documented = {name for row in rows('executable') for name in names(row[0])}
     assert documented >= EXECUTABLES - {'compensator', 'ik_service'}
     assert documented | named(r'ros2 run facade_manipulator (\w+)') <= EXECUTABLES
+
+
+def test_exit_statuses_of_all_executables_are_documented():
+    documented = [int(row[0]) for row in rows('status')]
+    assert documented == [
+        0,
+        run.FAILED,
+        run.USAGE_ERROR,
+        executables.INTERRUPTED,
+        command_line.BROKEN_PIPE,
+    ]
+    assert executables.CANNOT_START == run.USAGE_ERROR
 
 
 def test_targets_and_scripts_in_commands_exist():
