@@ -46,6 +46,14 @@ class Status(IntEnum):
     FOLLOWING_ERROR = 0x2000
 
 
+class DigitalInput(IntEnum):
+    """Bits of the digital inputs 60FDh in use."""
+
+    NEGATIVE_LIMIT_SWITCH = 0x1
+    POSITIVE_LIMIT_SWITCH = 0x2
+    HOME_SWITCH = 0x4
+
+
 class Controlword(IntEnum):
     """Controlwords 6040h of the commands, and the bits that modes add to 0x0F."""
 
