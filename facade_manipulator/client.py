@@ -34,7 +34,7 @@ from facade_manipulator import topics
 from facade_manipulator.errors import attributed, ManipulatorError, NEXT
 from facade_manipulator.kinematics import Carriages, Pose
 from facade_manipulator.nodes.conversions import pose_stamped, ros_time
-from facade_manipulator.nodes.driver_status import SILENCE, SILENT
+from facade_manipulator.nodes.driver_status import DRIVER_SILENCE, SILENT
 from facade_manipulator.nodes.planar_messages import (
     Frames,
     stamp_text,
@@ -57,7 +57,7 @@ WORKING = frozenset(
     }
 )
 #: states on driver/status that are older than a driver with another lifecycle state
-UNCONFIGURED = frozenset({'unconfigured', 'configuring'})
+OUTDATED_STATES = frozenset({'unconfigured', 'configuring'})
 START_NODES = 'start the nodes in the same namespace and ROS domain as this program'
 CHECK_DRIVER = 'check whether the driver still runs'
 CHECK_GOAL = 'check the distance on compensator/goal_status, or increase the timeout'
@@ -411,7 +411,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
         def present() -> dict[str, str] | None:
             received, values = reports[-1]
-            is_older = values.get('state') in UNCONFIGURED and label not in UNCONFIGURED
+            is_older = (
+                values.get('state') in OUTDATED_STATES and label not in OUTDATED_STATES
+            )
             return None if received < begin or is_older else values
 
         return self.wait_until(present, 'driver/status', next_step=CHECK_DRIVER)
@@ -419,7 +421,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     def _driver_values(self) -> dict[str, str]:
         """Return the values of driver/status, empty while the driver is silent."""
         received, values = self._received[topics.DRIVER_STATUS][-1]
-        return values if time.monotonic() - received < SILENCE else {}
+        return values if time.monotonic() - received < DRIVER_SILENCE else {}
 
     def _is_reached(self, stamp: str) -> bool:
         """Return whether a goal is reached; raises a RequestRejectedError if it has failed."""

@@ -262,7 +262,7 @@ def test_request_waits_while_the_driver_works(client, machine, unanswered):
 def test_request_to_idle_or_silent_driver_times_out(
     client, machine, monkeypatch, unanswered, state
 ):
-    monkeypatch.setattr(client_module, 'SILENCE', 0.2)
+    monkeypatch.setattr(client_module, 'DRIVER_SILENCE', 0.2)
     machine.report_once(state)
     unanswered(topics.HALT)
     with pytest.raises(
@@ -355,7 +355,7 @@ def test_status_is_the_newest_message_of_the_driver(client, machine):
 
 
 def test_status_of_a_silent_driver_names_a_next_step(client, machine, monkeypatch):
-    monkeypatch.setattr(client_module, 'SILENCE', 0.2)
+    monkeypatch.setattr(client_module, 'DRIVER_SILENCE', 0.2)
     machine.report('active')
     client.wait_until(lambda: client.status.state == 'active', 'driver/status')
     machine.status = None

@@ -11,8 +11,8 @@ import math
 
 from facade_manipulator.compensation.contact_force import OLDEST_WRENCH
 from facade_manipulator.compensation.contact_phases import (
+    CONTACT_CLOCK_TOLERANCE,
     ContactSettings,
-    FUTURE_TOLERANCE,
     Pressing,
     Surroundings,
 )
@@ -61,7 +61,7 @@ class LateralRegulator:
 
     def step(self, now: float, interval: float, saturation_error: float) -> None:
         """Move the shift over an interval [s]; at the workspace limit [m] only back inside."""
-        if not -FUTURE_TOLERANCE <= now - self._stamp <= OLDEST_OFFSET:
+        if not -CONTACT_CLOCK_TOLERANCE <= now - self._stamp <= OLDEST_OFFSET:
             return
         limit = LATERAL_SPEED * interval
         step = min(max(LATERAL_GAIN * interval * self._measured, -limit), limit)
@@ -139,7 +139,7 @@ class Contact:
         for value in values:
             if not math.isfinite(value):
                 raise InputError.not_finite(quantity, value)
-        require_recent(quantity, now - stamp, oldest, FUTURE_TOLERANCE)
+        require_recent(quantity, now - stamp, oldest, CONTACT_CLOCK_TOLERANCE)
         lateness = self._stamps.get(quantity, -math.inf) - stamp
         if 0.0 <= lateness <= KEPT_TIME:
             raise InputError.out_of_order(quantity, lateness)

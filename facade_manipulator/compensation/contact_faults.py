@@ -12,7 +12,9 @@ from facade_manipulator.compensation.contact_force import (
     TOUCH,
 )
 
-SIGNIFICANT = 6.0 * NOISE  # N: noise, steps and dead band of a working sensor are less
+SIGNIFICANT_FORCE = (
+    6.0 * NOISE
+)  # N: noise, steps and dead band of a working sensor are less
 CHATTER_TIME = 0.1  # s, period faster than the loop
 CHATTER_MEMORY = 0.4  # s, averaging time of the chatter
 OSCILLATION_TIME = 2.0  # s, period of a loop with a late force; averaging time
@@ -119,14 +121,14 @@ class ForceMonitor:
                 'next: use a softer brush'
             )
         unanswered = abs(self._demanded - self._answered)
-        if unanswered > SIGNIFICANT:
+        if unanswered > SIGNIFICANT_FORCE:
             return (
                 f'contact_wrench is frozen at {self.force:.1f} N while the demanded force '
                 f'changes by {unanswered:.1f} N; next: check the force sensor'
             )
         chatter = self._chatter.rms
         oscillation = self._oscillation.rms
-        bound = max(SIGNIFICANT, UNSTEADY_SHARE * desired)
+        bound = max(SIGNIFICANT_FORCE, UNSTEADY_SHARE * desired)
         if chatter > bound:
             return (
                 f'the force chatters by {chatter:.1f} N RMS, above the limit {bound:.1f} N; '
@@ -137,7 +139,7 @@ class ForceMonitor:
                 f'the force oscillates by {oscillation:.1f} N RMS, above the limit '
                 f'{bound:.1f} N; next: check the delay of contact_wrench and contact.stiffness'
             )
-        if self.mean < -SIGNIFICANT:
+        if self.mean < -SIGNIFICANT_FORCE:
             return (
                 f'the wall pulls with {-self.mean:.1f} N; '
                 'next: check sign and zero of contact_wrench'

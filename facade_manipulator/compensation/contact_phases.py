@@ -27,7 +27,7 @@ from facade_manipulator.compensation.contact_force import (
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.parameters import parameter, settings
 
-FUTURE_TOLERANCE = 0.02  # s
+CONTACT_CLOCK_TOLERANCE = 0.02  # s
 NEAR_GOAL = 0.005  # m: maximum distance of the path past its goal
 LEAST_STIFFNESS = (
     600.0  # N/m: with less, a damping of the brush of 25 N s/m makes the law ring
@@ -270,7 +270,7 @@ class Pressing:
         self, now: float, time: float, interval: float, around: Surroundings
     ) -> None:
         """Move the offsets over an interval [s] to a later time [s]."""
-        is_fresh = -FUTURE_TOLERANCE <= now - self.monitor.stamp <= OLDEST_WRENCH
+        is_fresh = -CONTACT_CLOCK_TOLERANCE <= now - self.monitor.stamp <= OLDEST_WRENCH
         if not self.settings.enabled:
             self._disable(time)
             if self.normal.is_at_goal and not self.theta.offset:

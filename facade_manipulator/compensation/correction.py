@@ -20,17 +20,19 @@ from facade_manipulator.kinematics.planar import (
     ZERO_TWIST,
 )
 from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.prediction.continuation import STAMP_ROUNDING
 from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate, MIN_INTERVAL
 from facade_manipulator.prediction.predictor import DisturbancePredictor
 from facade_manipulator.rejections import Rejections
 
-SILENCE = 0.5  # s, age of the newest estimate from which the estimator counts as silent
+ESTIMATOR_SILENCE = (
+    0.5  # s, age of the newest estimate from which the estimator counts as silent
+)
 FADE_AFTER = 1.05  # s, age from which the correction fades out; after 1.1 s learning begins again
 LONG_GAP = (
     0.3  # s between two estimates, after which the prediction may change by centimetres
 )
 CATCH_UP = 0.1  # s, time constant of such a change: 2 m/s² for 20 mm
-ROUNDING = 1e-6  # s
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
 DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
 LONGEST_PAUSE = 0.5  # s, a longer pause means that the clock was set
@@ -216,7 +218,7 @@ class Correction:
         self.rejections.clear()
         self._note_known(estimate)
         elapsed = estimate.stamp - self.predictor.stamp
-        if -MIN_INTERVAL < elapsed < MIN_INTERVAL - ROUNDING:
+        if -MIN_INTERVAL < elapsed < MIN_INTERVAL - STAMP_ROUNDING:
             return
         predicted = self._predicted
         has_stepped = self.predictor.update(*estimate[:3])
@@ -254,13 +256,13 @@ class Correction:
 
         Raises a ManipulatorError if there is no fresh estimate.
         """
-        if self.age(now) > SILENCE:
+        if self.age(now) > ESTIMATOR_SILENCE:
             newest = (
                 'no estimate was received yet'
                 if not self._has_estimates
                 else (
                     f'the newest estimate is {self.age(now):.1f} s old, '
-                    f'above the limit {SILENCE:g} s'
+                    f'above the limit {ESTIMATOR_SILENCE:g} s'
                 )
             )
             raise ManipulatorError(
@@ -303,7 +305,7 @@ class Correction:
 
         The prediction continues the correction for longer, up to `FADE_AFTER`.
         """
-        return self._has_estimates and abs(self.age(now)) > SILENCE
+        return self._has_estimates and abs(self.age(now)) > ESTIMATOR_SILENCE
 
     @property
     def _smoothing(self) -> float:
@@ -446,7 +448,7 @@ class Correction:
 
         Axes without a valid estimate are 0, and a correction that is disabled changes nothing.
         """
-        if self.age(now) > SILENCE or not any(self.known):
+        if self.age(now) > ESTIMATOR_SILENCE or not any(self.known):
             return None
         return _along(self.known, self.motion(now)).position
 

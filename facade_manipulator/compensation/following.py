@@ -10,7 +10,7 @@ from facade_manipulator.motion.timed_buffer import KEPT_TIME, TimedBuffer
 
 LARGEST_ERROR = 0.02  # m, of a head that follows
 LARGEST_YAW_ERROR = 0.035  # rad, of a head that follows
-PATIENCE = 0.5  # s of not following, after which the path begins again at the head
+OFF_PATH_TIME = 0.5  # s of not following, after which the path begins again at the head
 ARM = 0.35  # m, weight of yaw against displacement
 LEAST_SPEED = 0.02  # m/s for one second; with less motion, noise hides part of the lag
 LAG_MEMORY = (
@@ -63,14 +63,14 @@ class Following:
 
     def newest(self, now: float) -> tuple[float, Pose] | None:
         """Return the last stamp [s] and pose of the head, None if the pose is stale."""
-        if self._head is None or now - self._head[0] >= PATIENCE:
+        if self._head is None or now - self._head[0] >= OFF_PATH_TIME:
             return None
         return self._head
 
     def is_off_path(self, now: float) -> bool:
         """Return whether the head's pose is known, but has not followed the path for 0.5 s."""
         newest = self.newest(now)
-        return newest is not None and newest[0] - self._followed_at > PATIENCE
+        return newest is not None and newest[0] - self._followed_at > OFF_PATH_TIME
 
     def _measure_lag(self, interval: float, error: Pose, velocity: Twist) -> None:
         """Update the lag [s] by regression of the error on the velocity, with forgetting."""

@@ -14,10 +14,10 @@ from facade_manipulator.compensation.compensation_diagnostics import (
 from facade_manipulator.compensation.correction import (
     Correction,
     CorrectionMode,
+    ESTIMATOR_SILENCE,
     FADE_AFTER,
-    SILENCE,
 )
-from facade_manipulator.compensation.following import PATIENCE
+from facade_manipulator.compensation.following import OFF_PATH_TIME
 from facade_manipulator.compensation.pose_compensator import Compensator
 from facade_manipulator.errors import joined
 from facade_manipulator.kinematics import Pose, ZERO_POSE
@@ -59,7 +59,7 @@ FOLLOWED = (
     GoalState.HELD_BACK,
     GoalState.REACHED,
 )
-LEVELS = {
+LEVEL_OF_STATE = {
     GoalState.HELD_BACK: 'warn',
     GoalState.ENDED: 'warn',
     GoalState.REJECTED: 'error',
@@ -111,7 +111,7 @@ class Remaining(NamedTuple):
     time: float = math.nan  #: until the path ends and the dwell time is over [s]
 
 
-UNKNOWN = Remaining()
+UNKNOWN_REMAINDER = Remaining()
 
 
 class GoalTracker:
@@ -281,7 +281,7 @@ class GoalTracker:
         return GoalState.HELD_BACK if is_held_back else GoalState.MOVING, reason
 
     def _enter(
-        self, state: GoalState, reason: str, remaining: Remaining = UNKNOWN
+        self, state: GoalState, reason: str, remaining: Remaining = UNKNOWN_REMAINDER
     ) -> None:
         """Publish the newest goal in a state."""
         self.state = state
@@ -296,7 +296,7 @@ class GoalTracker:
         stamp: str,
         state: GoalState,
         reason: str,
-        remaining: Remaining = UNKNOWN,
+        remaining: Remaining = UNKNOWN_REMAINDER,
     ) -> None:
         """Publish the state of a goal by its stamp, with the reason of the state."""
         values = {
@@ -322,7 +322,7 @@ class GoalTracker:
                 'rejected goal stamp': self._rejection.stamp,
                 'rejection': self._rejection.reason,
             }
-        level = LEVELS.get(state, 'ok')
+        level = LEVEL_OF_STATE.get(state, 'ok')
         self._publish(('goal', level, _outcome(state, reason), values))
 
 
@@ -337,7 +337,7 @@ def late_reason(compensator: Compensator, now: float) -> str:
     """Return why a head whose path has ended is not at its goal, ``''`` if it is unknown."""
     if compensator.following.newest(now) is None:
         return (
-            f'end_effector_pose is silent for more than {PATIENCE:g} s; next: check '
+            f'end_effector_pose is silent for more than {OFF_PATH_TIME:g} s; next: check '
             'the ik_service and the publishers of joint_states'
         )
     return uncorrected_reason(compensator.correction, now)
@@ -347,8 +347,8 @@ def uncorrected_reason(correction: Correction, now: float) -> str:
     """Return why received estimates are not corrected, or soon not; ``''`` if they are."""
     if correction.is_silent(now):
         return (
-            f'no valid estimate for more than {SILENCE:g} s, and the correction fades out after '
-            f'{FADE_AFTER:g} s: {correction.silence_cause(now)}'
+            f'no valid estimate for more than {ESTIMATOR_SILENCE:g} s, and the correction '
+            f'fades out after {FADE_AFTER:g} s: {correction.silence_cause(now)}'
         )  # constant: a change is published
     if correction.mode is CorrectionMode.DISABLED and math.isfinite(
         correction.age(now)

@@ -18,8 +18,8 @@ from facade_manipulator.compensation.correction import (
     Correction,
     CorrectionMode,
     CorrectionSettings,
+    ESTIMATOR_SILENCE,
     LONGEST_PAUSE,
-    SILENCE,
 )
 from facade_manipulator.compensation.following import Following
 from facade_manipulator.compensation.held_back import HeldBack
@@ -276,7 +276,9 @@ class Compensator:
         silence = ''
         if self.correction.is_silent(now):
             cause = self.correction.silence_cause(now)
-            silence = f'no valid estimate for more than {SILENCE:g} s: {cause}'
+            silence = (
+                f'no valid estimate for more than {ESTIMATOR_SILENCE:g} s: {cause}'
+            )
         elif self.correction.mode is CorrectionMode.SETTLING:
             silence = self.correction.mode.value
         elif not all(self.correction.known[1:]):

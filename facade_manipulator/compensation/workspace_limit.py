@@ -9,7 +9,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose, subtract, ZERO_POSE
 from facade_manipulator.kinematics.links import links, x_interval
 
-MARGIN = 0.004  # m, distance kept from reach, stroke and carriage gap
+WORKSPACE_MARGIN = 0.004  # m, distance kept from reach, stroke and carriage gap
 REFINEMENTS = 3  # iterations of y for a limited x, whose limit depends slightly on y
 # Depth over which an axis is bent into the limit, so that the head meets it without a jerk.
 KNEE, Y_KNEE, YAW_KNEE = 0.03, 0.01, 0.02  # m, m, rad: x, y, theta
@@ -32,7 +32,7 @@ class WorkspaceLimit:
     Raises a ParameterError if the margin [m] leaves no workspace.
     """
 
-    def __init__(self, geometry: Geometry, margin: float = MARGIN) -> None:
+    def __init__(self, geometry: Geometry, margin: float = WORKSPACE_MARGIN) -> None:
         self._margin = margin
         self._half = geometry.platform_half_length
         self._mechanism = Mechanism(geometry)

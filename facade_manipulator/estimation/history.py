@@ -17,7 +17,7 @@ from operator import attrgetter
 
 from facade_manipulator.estimation.rail_pose_model import FilterState, ImuInput, Process
 
-SPAN = (
+HISTORY_SPAN = (
     0.4  # s, length of the history: more than `OLDEST` of `imu_checks`, the maximum age
 )
 LONGEST = 0.011  # s, maximum step that averages inputs: two at 200 Hz lose no accuracy
@@ -112,7 +112,7 @@ class History:
         else:
             steps.append(Step(stamp, imu, last.state))
 
-        while self._valid > 1 and steps[1].stamp < stamp - SPAN:
+        while self._valid > 1 and steps[1].stamp < stamp - HISTORY_SPAN:
             del steps[0]
             self._valid -= 1
         count = bisect_right(self._measurements, self.oldest, key=_stamp)

@@ -12,18 +12,18 @@ from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.estimation.estimator_settings import ImuSettings
 from facade_manipulator.kinematics import GRAVITY
 
-OLDEST = 0.3  # s, maximum age of a measurement
-LEAD = 0.01  # s, maximum difference of clocks
+OLDEST_MEASUREMENT = 0.3  # s, maximum age of a measurement
+SENSOR_CLOCK_TOLERANCE = 0.01  # s, maximum difference of clocks
 # rad/s and m/s²: beyond them an IMU is saturated or broken
 LARGEST_RATE = 4.0
 LARGEST_FORCE = 30.0
 MOST_IN_G = 1.7  # maximum acceleration at rest [m/s²] that means an IMU with the unit g
 SETTLING = 0.005  # share of a measurement in the mean acceleration
 UPRIGHT = 0.8  # minimum share of the acceleration along the rail's z: 37 degrees
-SHORTEST = 0.1  # m, minimum between two distance sensors to measure yaw
+SHORTEST_BASELINE = 0.1  # m, minimum between two distance sensors to measure yaw
 WINDOW = 0.5  # s, of a compared turn
 WINDOWS = 24  # number of the compared turns
-FEWEST = 10  # minimum number of them
+FEWEST_TURNS = 10  # minimum number of them
 TURNED = 2e-3  # rad, minimum standard deviation of the turns to compare
 CORRELATED = 0.8  # squared correlation of the turns that shows a fault
 # maximum ratio of distance turns to gyroscope turns that means swapped sides
@@ -75,7 +75,7 @@ class ImuGate:
             if not math.isfinite(value):
                 raise InputError.not_finite('imu', value)
         stamp -= self._delay
-        require_recent('imu', now - stamp, OLDEST, LEAD)
+        require_recent('imu', now - stamp, OLDEST_MEASUREMENT, SENSOR_CLOCK_TOLERANCE)
         if stamp <= self.stamp:
             raise InputError.out_of_order('imu', self.stamp - stamp)
 
@@ -148,14 +148,14 @@ class YawComparison:
         self._newest[place] = distance
         left = min(self._newest)
         right = max(self._newest)
-        if right - left < SHORTEST:
+        if right - left < SHORTEST_BASELINE:
             return ''
         if self._samples and stamp - self._samples[-1][0] < WINDOW:
             return ''
 
         yaw = (self._newest[left] - self._newest[right]) / (right - left)
         self._samples.append((stamp, self.turned, yaw))
-        if len(self._samples) < FEWEST:
+        if len(self._samples) < FEWEST_TURNS:
             return ''
 
         # regression of the turns by the distances on the turns by the gyroscope

@@ -21,20 +21,20 @@ from facade_manipulator.estimation.estimator_settings import EstimatorSetup
 from facade_manipulator.estimation.history import History, mean_input, Measurement, Step
 from facade_manipulator.estimation.imu_checks import (
     ImuGate,
-    LEAD,
-    OLDEST,
+    OLDEST_MEASUREMENT,
+    SENSOR_CLOCK_TOLERANCE,
     YawComparison,
 )
 from facade_manipulator.estimation.rail_pose_model import X, Y, YAW
 from facade_manipulator.estimation.wall_depth_levels import Channel, Level, OUTLIER
 from facade_manipulator.kinematics import Pose, Twist
 
-LONGEST_GAP = 0.5  # s between two calls, after which all axes restart
+LONGEST_PAUSE_OF_CALLS = 0.5  # s between two calls, after which all axes restart
 # m², m², rad²: above these variances x, y and yaw count as unknown; ten times as much is then
 # published
 GIVEN_UP = (0.1, 0.1, 0.01)
 LOST = 1.0  # s without an accepted measurement, after which an axis restarts
-SILENCE = 0.1  # s without a measurement of the IMU, after which the filter coasts
+IMU_SILENCE = 0.1  # s without a measurement of the IMU, after which the filter coasts
 
 
 class EstimatorEvent(NamedTuple):
@@ -99,7 +99,9 @@ class DisturbanceEstimator:
         """Restart all axes; record the reason as an event if any axis had started."""
         if reason:
             self._note('all', f'{reason}: all axes restart')
-        self._history = History(self._process, self._correct, self._now - OLDEST)
+        self._history = History(
+            self._process, self._correct, self._now - OLDEST_MEASUREMENT
+        )
         self._gate.reset()
         self._comparison = YawComparison()
         self.started: set[int] = set()  #: axes that are known
@@ -110,7 +112,7 @@ class DisturbanceEstimator:
     def _set_time(self, now: float) -> None:
         """Set the present time [s]; reset everything if the clock was set."""
         elapsed = now - self._now
-        if not -LEAD <= elapsed <= LONGEST_GAP:
+        if not -SENSOR_CLOCK_TOLERANCE <= elapsed <= LONGEST_PAUSE_OF_CALLS:
             self._now = now
             is_first = not math.isfinite(elapsed)
             self._reset('' if is_first else f'the clock advanced by {elapsed:.3f} s')
@@ -133,7 +135,7 @@ class DisturbanceEstimator:
         stamp, newest = self._gate.check(now, stamp, rates, forces)
         mean = mean_input(last or newest, newest, 0.5)
         # The first interval is infinite; any value will do, because only changes are compared.
-        self._comparison.turned += newest[2] * min(stamp - before, SILENCE)
+        self._comparison.turned += newest[2] * min(stamp - before, IMU_SILENCE)
         if self.is_coasting:
             self.is_coasting = False
             self._note('imu', 'measuring')
@@ -179,7 +181,7 @@ class DisturbanceEstimator:
         self._set_time(now)
         # by arrival: stamps of a late IMU would always seem old
         silence = now - self._gate.arrival
-        if silence > SILENCE:
+        if silence > IMU_SILENCE:
             if not self.is_coasting:
                 self.is_coasting = True
                 self._note(
@@ -240,7 +242,7 @@ class DisturbanceEstimator:
         """Start the axes of a group of sensors once enough measurements have arrived."""
         ready = [one for one in group if one.first.suffice(self._now)]
         begin = min(one.first.begin for one in group)
-        is_waiting = len(ready) < len(group) and self._now - begin < start.PATIENCE
+        is_waiting = len(ready) < len(group) and self._now - begin < start.LONGEST_START
         if not ready or is_waiting:
             return
         sensor = ready[0].sensor

@@ -51,7 +51,7 @@ RATES = [VX, VY, YAW_RATE]
 TILTS = slice(TILT_X, GYROSCOPE_X)
 GYROSCOPES = slice(GYROSCOPE_X, ACCELEROMETER_X)
 ACCELEROMETERS = slice(ACCELEROMETER_X, SENSORS)
-WITH_IMU, COASTING = range(2)
+WITH_IMU, WITHOUT_IMU = range(2)
 # Variances of x, y, yaw and velocity when an axis starts:
 POSE_ON_START = (0.015**2, 0.015**2, 0.05**2)
 VELOCITY_ON_START = 0.15**2
@@ -59,15 +59,15 @@ TILT = 3e-3  # rad, standard deviation from level
 TILT_TIME = 1.0  # s, correlation time of the tilts
 # Standard deviations of the biases at start. The filter also finds the biases of a consumer IMU,
 # three times as large. It could not separate a larger accelerometer bias from tilt.
-GYROSCOPE_BIAS = 0.01  # rad/s
-ACCELEROMETER_BIAS = 0.1  # m/s²
+GYROSCOPE_BIAS_ON_START = 0.01  # rad/s
+ACCELEROMETER_BIAS_ON_START = 0.1  # m/s²
 # Random walk of the biases: 10 °/h and 0.1 mg of an industrial IMU in the minutes of a warm-up
 GYROSCOPE_WALK = 5e-6  # rad/s/√s
 ACCELEROMETER_WALK = 1e-4  # m/s²/√s
 # Hz, of the noise in yaw rate and acceleration: about one divided by a step
 BANDWIDTH = 100.0
 # Without an IMU, of a gondola in gusts:
-ACCELERATION = 0.12  # m/s², standard deviation
+GUST_ACCELERATION = 0.12  # m/s², standard deviation
 ACCELERATION_TIME = 0.6  # s, correlation time
 YAW_ACCELERATION = 6e-3  # rad/s²/√Hz
 # s, correlation time of the delay of a fix: for a constant delay the variance would fall to 0,
@@ -120,11 +120,11 @@ class Process:
         self._variances = np.zeros(SENSORS + len(sensors))
         self._variances[[X, Y, YAW]] = POSE_ON_START
         self._variances[[VX, VY]] = VELOCITY_ON_START
-        self._variances[[AX, AY]] = ACCELERATION**2
+        self._variances[[AX, AY]] = GUST_ACCELERATION**2
         self._variances[YAW_RATE] = 1e-4
         self._variances[TILTS] = TILT**2
-        self._variances[GYROSCOPES] = GYROSCOPE_BIAS**2
-        self._variances[ACCELEROMETERS] = ACCELEROMETER_BIAS**2
+        self._variances[GYROSCOPES] = GYROSCOPE_BIAS_ON_START**2
+        self._variances[ACCELEROMETERS] = ACCELEROMETER_BIAS_ON_START**2
         self._variances[SENSORS:] = [sensor.deviation**2 for sensor in sensors]
 
         # rates of the decay [1/m and 1/s], the latter with an IMU and without
@@ -132,14 +132,14 @@ class Process:
         self._by_distance[SENSORS:] = [1.0 / sensor.length for sensor in sensors]
         self._by_time = np.zeros((2, len(self._variances)))
         self._by_time[:, SENSORS:] = [1.0 / sensor.time for sensor in sensors]
-        self._by_time[COASTING, [AX, AY]] = 1.0 / ACCELERATION_TIME
-        self._by_time[COASTING, TILTS] = 1.0 / TILT_TIME
+        self._by_time[WITHOUT_IMU, [AX, AY]] = 1.0 / ACCELERATION_TIME
+        self._by_time[WITHOUT_IMU, TILTS] = 1.0 / TILT_TIME
 
         # process noise [per second], with an IMU and without
         self._walk = np.zeros((2, len(self._variances)))
         self._walk[:, GYROSCOPES] = GYROSCOPE_WALK**2
         self._walk[:, ACCELEROMETERS] = ACCELEROMETER_WALK**2
-        self._walk[COASTING, YAW_RATE] = YAW_ACCELERATION**2
+        self._walk[WITHOUT_IMU, YAW_RATE] = YAW_ACCELERATION**2
         self._walk[WITH_IMU, [YAW, TILT_X, TILT_Y]] = imu.gyroscope_noise**2
         self._walk[WITH_IMU, [VX, VY]] = imu.accelerometer_noise**2
         self._walk[WITH_IMU, YAW_RATE] = (BANDWIDTH * imu.gyroscope_noise) ** 2
@@ -173,7 +173,7 @@ class Process:
         x, y, yaw, vx, vy, ax, ay, wz, tilt_x, tilt_y, *biases = before[
             :SENSORS
         ].tolist()
-        mode = WITH_IMU if imu else COASTING
+        mode = WITH_IMU if imu else WITHOUT_IMU
         speed = math.hypot(vx, vy)
         decays = np.exp(-step * (speed * self._by_distance + self._by_time[mode]))
         noise = step * self._walk[mode] + self._variances * (1.0 - decays**2)

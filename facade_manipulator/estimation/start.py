@@ -9,15 +9,15 @@ import math
 
 import numpy as np
 
-PERIOD = 0.3  # s, duration of the measurements that start an axis
-PATIENCE = 1.0  # s, maximum wait for further sensors of the same axes
-FEWEST = 4  # minimum number of measurements of a sensor
+START_TIME = 0.3  # s, duration of the measurements that start an axis
+LONGEST_START = 1.0  # s, maximum wait for further sensors of the same axes
+FEWEST_MEASUREMENTS = 4  # minimum number of measurements of a sensor
 # Share of measurements used: if half are of the wall, the others win 1 time in 6000
 DENSEST = 0.2
 # Standard deviations at rest, which choose among the levels of the wall:
 YAW_AT_REST = 0.01  # rad
 Y_AT_REST = 0.05  # m
-LEVEL = 0.5  # m
+LEVEL_AT_REST = 0.5  # m
 ROUGHNESS = 3e-3  # m, standard deviation of a wall from a plane
 
 
@@ -32,15 +32,18 @@ class FirstMeasurements:
         """Add a measurement [m or rad] with its stamp [s]."""
         self.begin = min(self.begin, stamp)
         self._items.append((stamp, value))
-        while len(self._items) > FEWEST and stamp - self._items[0][0] > PERIOD:
+        while (
+            len(self._items) > FEWEST_MEASUREMENTS
+            and stamp - self._items[0][0] > START_TIME
+        ):
             self._items.popleft()
 
     def suffice(self, now: float) -> bool:
         """Return whether enough measurements, including recent ones, exist at a time [s]."""
-        if len(self._items) < FEWEST:
+        if len(self._items) < FEWEST_MEASUREMENTS:
             return False
         newest, _ = self._items[-1]
-        return newest > max(self.begin + PERIOD, now - PATIENCE)
+        return newest > max(self.begin + START_TIME, now - LONGEST_START)
 
     def densest(self) -> float:
         """Return the newest value of the densest cluster [m or rad]."""
@@ -89,7 +92,7 @@ def start_at_wall(
         cost = (slope / YAW_AT_REST) ** 2
         cost += (y / Y_AT_REST) ** 2
         cost += np.sum((rest / ROUGHNESS) ** 2)
-        cost += np.sum((np.array(chosen) / LEVEL) ** 2)
+        cost += np.sum((np.array(chosen) / LEVEL_AT_REST) ** 2)
         candidates.append((cost, float(distance or middle), float(y), -float(slope)))
     _, distance, y, yaw = min(candidates)
     return distance, y, yaw

@@ -15,7 +15,10 @@ import numpy as np
 
 from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.estimation.history import Measurement
-from facade_manipulator.estimation.imu_checks import LEAD, OLDEST
+from facade_manipulator.estimation.imu_checks import (
+    OLDEST_MEASUREMENT,
+    SENSOR_CLOCK_TOLERANCE,
+)
 from facade_manipulator.estimation.rail_pose_model import WallSensor
 from facade_manipulator.estimation.start import FirstMeasurements
 
@@ -25,15 +28,17 @@ COASTING_GATE = 10.0  # without an IMU, because only an IMU shows a push
 NEW_LEVEL = 8.0
 # m or rad, minimum between two levels: less than a mullion, more than a joint
 NEAREST = 3e-3
-TOLERANCE = 6.0  # standard deviations of the noise, within which measurements agree
+AGREEMENT_TOLERANCE = (
+    6.0  # standard deviations of the noise, within which measurements agree
+)
 AGREEMENT = 0.8  # share of the measurements that make a level
-SPAN = 0.25  # s, of these measurements
-FEWEST = 4  # minimum number of these measurements
+LEVEL_SPAN = 0.25  # s, of these measurements
+FEWEST_AGREEING = 4  # minimum number of these measurements
 MOST = 12  # levels that are kept
 LARGEST = 20.0  # m: a larger distance was sent in another unit
 OUTLIER = math.inf
 # weight of a new measurement in running means: about the last 50 count
-SMOOTHING = 0.02
+MEAN_WEIGHT = 0.02
 
 
 @dataclass
@@ -56,7 +61,7 @@ class Channel:
         self.age = math.nan  #: mean age of measurements on arrival [s]
         #: mean normalised innovation squared: 1 if the noise is right
         self.square = 1.0
-        self._tolerance = max(NEAREST, TOLERANCE * sensor.noise)
+        self._tolerance = max(NEAREST, AGREEMENT_TOLERANCE * sensor.noise)
         self.reset()
 
     def reset(self) -> None:
@@ -80,7 +85,9 @@ class Channel:
                 f'limit {LARGEST:g} m; next: publish it in metres',
             )
         stamp -= sensor.delay
-        require_recent(sensor.name, now - stamp, OLDEST, LEAD)
+        require_recent(
+            sensor.name, now - stamp, OLDEST_MEASUREMENT, SENSOR_CLOCK_TOLERANCE
+        )
         if stamp <= self.stamp:
             raise InputError.out_of_order(sensor.name, self.stamp - stamp)
         self.period = _mean(self.period, stamp - self.stamp)
@@ -108,7 +115,7 @@ class Channel:
         gate = COASTING_GATE if is_coasting else GATE
         fits = abs(rest) <= gate * deviation
         self._recent.append((stamp, math.nan if fits else residual))
-        while stamp - self._recent[0][0] > SPAN * 1.2:
+        while stamp - self._recent[0][0] > LEVEL_SPAN * 1.2:
             self._recent.popleft()
 
         if fits:
@@ -145,7 +152,7 @@ class Channel:
     def _agreed_residual(self) -> float | None:
         """Return the residual shared by nearly all recent measurements; None if they differ."""
         stamps, residuals = np.transpose(self._recent)
-        if len(stamps) < FEWEST or np.ptp(stamps) < 0.8 * SPAN:
+        if len(stamps) < FEWEST_AGREEING or np.ptp(stamps) < 0.8 * LEVEL_SPAN:
             return None
         if np.isnan(residuals).mean() > 1.0 - AGREEMENT:
             return None
@@ -156,4 +163,4 @@ class Channel:
 
 def _mean(mean: float, value: float) -> float:
     """Return the running mean after a value; the first value replaces a mean of NaN."""
-    return mean + SMOOTHING * (value - mean) if math.isfinite(mean) else value
+    return mean + MEAN_WEIGHT * (value - mean) if math.isfinite(mean) else value

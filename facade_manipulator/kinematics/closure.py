@@ -31,7 +31,7 @@ from facade_manipulator.errors import SingularityError, UnreachableError
 from facade_manipulator.kinematics.geometry import Sides
 from facade_manipulator.kinematics.links import branch_number, links
 
-FARTHEST = 200.0  # m, maximum l + b of a geometry; no power of it overflows
+MAXIMUM_REACH = 200.0  # m, maximum l + b of a geometry; no power of it overflows
 # such a step leaves an error of its square, and the refinement squares that error
 STEP_TOLERANCE = 1e-5
 # m and rad: a Newton step on the links below this size changes no digit that matters

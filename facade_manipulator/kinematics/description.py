@@ -31,7 +31,7 @@ GUIDE_WIDTH = 0.006
 HEAD_LENGTH = 0.06
 HEAD_WIDTH = 0.012
 COLOURS = {'dark': '0.35 0.35 0.35 1', 'grey': '0.6 0.6 0.6 1', 'blue': '0 0.45 0.7 1'}
-AXES = {'x': '1 0 0', 'y': '0 1 0', 'z': '0 0 1'}
+AXIS_VECTORS = {'x': '1 0 0', 'y': '0 1 0', 'z': '0 0 1'}
 
 
 class JointPoints(NamedTuple):
@@ -176,7 +176,7 @@ def _add_joint(
     SubElement(element, 'child', link=prefix + joint.child)
     _add_origin(element, joint.origin)
     if joint.name:
-        SubElement(element, 'axis', xyz=AXES[joint.axis])
+        SubElement(element, 'axis', xyz=AXIS_VECTORS[joint.axis])
     if bounds:
         limit = SubElement(element, 'limit')
         limit.set('lower', repr(bounds[0]))

@@ -27,7 +27,7 @@ from facade_manipulator.errors import (
 )
 from facade_manipulator.kinematics.closure import (
     assemble,
-    FARTHEST,
+    MAXIMUM_REACH,
     require_branch,
     require_regular,
 )
@@ -160,7 +160,9 @@ class Mechanism:
         x = q3 + offset3
         left = q1 + offset1 - x
         right = q2 + offset2 - x
-        if not -FARTHEST < left < right < FARTHEST:  # NaN fails every comparison
+        if (
+            not -MAXIMUM_REACH < left < right < MAXIMUM_REACH
+        ):  # NaN fails every comparison
             raise _not_in_order(self.on_rail(carriages))
         y, theta = assemble(self.sides, left, right)
         platform = _new_tuple(Pose, (x, y, theta))
@@ -371,8 +373,8 @@ def _not_in_order(carriages: Carriages) -> ManipulatorError:
     if not all(map(isfinite, carriages)):
         return not_finite(carriages)
     apart = max(abs(q1 - q3), abs(q2 - q3))
-    if apart > FARTHEST:
+    if apart > MAXIMUM_REACH:
         return UnreachableError(
-            'distance of a carriage from q3', apart, FARTHEST, 'm', 'above'
+            'distance of a carriage from q3', apart, MAXIMUM_REACH, 'm', 'above'
         )
     return UnreachableError('q2 - q1', q2 - q1, 0.0, 'm', 'not above')

@@ -7,8 +7,13 @@ from typing import NamedTuple
 
 from facade_manipulator.kinematics.geometry import Pose, Twist
 
+MM = 1e3  # millimetres in a metre
 # axes of a pose in diagnostics: name, factor from SI, unit
-POSE_AXES = (('x', 1e3, 'mm'), ('y', 1e3, 'mm'), ('theta', math.degrees(1.0), 'deg'))
+POSE_AXES = (
+    ('x', MM, 'mm'),
+    ('y', MM, 'mm'),
+    ('theta', math.degrees(1.0), 'deg'),
+)
 
 
 def wrap_angle(theta: float) -> float:

@@ -35,13 +35,13 @@ from facade_manipulator.parameters import parameter, settings
 
 # factor on the limits: carriages lag up to here; a setpoint beyond is wrong
 TOLERATED = 2.0
-OLDEST = 0.2  # s, maximum age of a setpoint: an older one is useless
+OLDEST_SETPOINT = 0.2  # s, maximum age of a setpoint: an older one is useless
 EARLIEST = 0.5  # s, the longest horizon of a compensator: beyond it a clock is wrong
 
 # causes of a brake
-SILENT = 'no setpoint was received for longer than stream.stale_after'
-ENDED = 'the driver ended the stream of setpoints'
-LOWERED = 'the carriages were faster than the lowered limits'
+STREAM_SILENT = 'no setpoint was received for longer than stream.stale_after'
+STREAM_ENDED = 'the driver ended the stream of setpoints'
+LIMITS_LOWERED = 'the carriages were faster than the lowered limits'
 
 
 @settings
@@ -53,7 +53,7 @@ class StreamSettings:
         default=0.1,
         unit='s',
         minimum=0.01,
-        maximum=OLDEST,
+        maximum=OLDEST_SETPOINT,
     )
     first_step: float = parameter(
         'Maximum step from the carriages or the last setpoint to a setpoint',
@@ -209,7 +209,7 @@ class SetpointFollower:
             )
 
         self._check(setpoint.position)
-        require_recent('setpoint', now - setpoint.time, OLDEST, EARLIEST)
+        require_recent('setpoint', now - setpoint.time, OLDEST_SETPOINT, EARLIEST)
         last = self._predecessor(setpoint.time, now)
         is_first = last is None
         if last is None:
@@ -314,7 +314,7 @@ class SetpointFollower:
         """Return the motion to the target if a path from there to rest exists, else braking."""
         limiter = self._limiter
         if not limiter.allows(before, limiter.limits.speed):
-            return self._brake(before, LOWERED)
+            return self._brake(before, LIMITS_LOWERED)
 
         limiter.speed = min(limiter.limits.speed, self._fastest_at(before.position))
         motion = limiter.reach(before, position, velocity)
@@ -360,7 +360,7 @@ class SetpointFollower:
 
     def _silence(self) -> str:
         """Return why the stream has no target."""
-        return SILENT if self._stream.newest() else ENDED
+        return STREAM_SILENT if self._stream.newest() else STREAM_ENDED
 
     def _brake(self, before: CarriageMotion, cause: str) -> CarriageMotion:
         """Return the next motion on the path to rest that was checked with the present motion."""

@@ -16,12 +16,12 @@ from facade_manipulator.kinematics import (
     ZERO_POSE,
     ZERO_TWIST,
 )
-from facade_manipulator.motion.trajectory import AXES, plan_trajectory
+from facade_manipulator.motion.trajectory import AXIS_COUNT, plan_trajectory
 from facade_manipulator.parameters import parameter, settings
 
-SHORTEST = 1e-9  # m or rad, minimum distance of an axis that moves
+SHORTEST_MOVE = 1e-9  # m or rad, minimum distance of an axis that moves
 # s: the path is within 1e-18 m of its end, and a clock since 1970 resolves a quarter of it
-LAST = 1e-6
+LAST_INSTANT = 1e-6
 
 
 @settings
@@ -83,7 +83,7 @@ class ReferencePath:
     def __init__(self, settings: ReferenceSettings) -> None:
         self.settings = settings
         self.goal: Pose | None = None  #: end of the path, None before the first path
-        self._trajectory = Trajectory(AXES)
+        self._trajectory = Trajectory(AXIS_COUNT)
         self._start = -math.inf  # before the first path
 
     def initialise(self, time: float, motion: HeadMotion, goal: Pose) -> None:
@@ -114,7 +114,7 @@ class ReferencePath:
         """Return the motion at a time [s], clamped to the start and end of the path."""
         elapsed = max(time - self._start, 0.0)
         duration = self._trajectory.duration
-        if elapsed >= duration - LAST:
+        if elapsed >= duration - LAST_INSTANT:
             # At rest, ruckig rounds to 1e-17 m/s and may then find no path that continues.
             position, _, _ = self._trajectory.at_time(duration)
             return HeadMotion(Pose(*position))
@@ -146,10 +146,10 @@ def _proportional(limits: tuple[float, ...], displacement: Pose) -> list[float]:
     distances = [abs(step) for step in displacement]
     pace = math.inf
     for limit, distance in zip(limits, distances, strict=True):
-        if distance > SHORTEST:
+        if distance > SHORTEST_MOVE:
             pace = min(pace, limit / distance)
 
     proportional = []
     for limit, distance in zip(limits, distances, strict=True):
-        proportional.append(pace * distance if distance > SHORTEST else limit)
+        proportional.append(pace * distance if distance > SHORTEST_MOVE else limit)
     return proportional

@@ -20,7 +20,7 @@ from ruckig import Trajectory
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics.geometry import PerCarriage
-from facade_manipulator.motion.trajectory import AXES, plan_trajectory
+from facade_manipulator.motion.trajectory import AXIS_COUNT, plan_trajectory
 from facade_manipulator.parameters import parameter, settings
 
 STANDSTILL_SPEED = 1e-5  # m/s
@@ -29,8 +29,8 @@ ZERO = (0.0, 0.0, 0.0)  # of any unit
 FEED_FORWARD_SHARE = 0.8  # share of the speed limit; the rest is for catching up
 # m, m/s and m/s²: a motion within these tolerances is the planned motion
 PLAN_TOLERANCE = 1e-9
-ROUNDING = 1e-9  # of a number of periods
-TOLERANCE = 1e-6  # relative: rounding of a path adds up over its periods
+PERIODS_ROUNDING = 1e-9  # of a number of periods
+PATH_TOLERANCE = 1e-6  # relative: rounding of a path adds up over its periods
 
 
 @settings
@@ -114,11 +114,11 @@ class PathLimiter:
         self.speed = limits.speed
         self.period = period
         # limit of each axis
-        self._acceleration = [limits.acceleration] * AXES
-        self._jerk = [limits.jerk] * AXES
+        self._acceleration = [limits.acceleration] * AXIS_COUNT
+        self._jerk = [limits.jerk] * AXIS_COUNT
         self._reached: CarriageMotion | None = None
         # the path of `chase`: the frame and speed it was planned with, and the present state on it
-        self._path = Trajectory(AXES)
+        self._path = Trajectory(AXIS_COUNT)
         self._planned: tuple[float, ...] = ()
         self._elapsed = 0.0
         self._relative: Sequence[PerCarriage] = (ZERO, ZERO, ZERO)
@@ -203,7 +203,7 @@ class PathLimiter:
         return self.advance(before, state)
 
     def allows(
-        self, motion: CarriageMotion, speed: float, tolerance: float = TOLERANCE
+        self, motion: CarriageMotion, speed: float, tolerance: float = PATH_TOLERANCE
     ) -> bool:
         """
         Return whether a motion is inside a speed [m/s] and the other limits, and can remain there.
@@ -243,11 +243,11 @@ class PathLimiter:
         if motion.at_rest:
             return [start]
 
-        speed = [self.limits.speed] * AXES
+        speed = [self.limits.speed] * AXIS_COUNT
         path = plan_trajectory(start, None, speed, self._acceleration, self._jerk)
         period = self.period
         duration = path.duration
-        count = math.ceil(duration / period - ROUNDING)
+        count = math.ceil(duration / period - PERIODS_ROUNDING)
         times = [min(number * period, duration) for number in range(1, count + 1)]
         return [start, *map(path.at_time, times)]
 

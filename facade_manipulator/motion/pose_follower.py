@@ -14,7 +14,9 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.motion.head_path import HeadMotion, ReferencePath
 from facade_manipulator.motion.setpoints import Setpoint, SetpointStream, STREAM_GAP
 
-LEAD = 0.05  # s, by which the setpoints of an approach are sent ahead of their time
+APPROACH_LEAD = (
+    0.05  # s, by which the setpoints of an approach are sent ahead of their time
+)
 
 
 class RailPose(NamedTuple):
@@ -89,7 +91,7 @@ class PoseFollower:
         if not self.is_approaching:
             return None
 
-        time = now + LEAD
+        time = now + APPROACH_LEAD
         first = self._first
         if first is not None and now - first.received > STREAM_GAP:
             self._first = None

@@ -19,7 +19,7 @@ PATH_SPACING = 0.005  # m, between the poses of a path where the request names n
 LONGEST_PATH = 10000  # steps: a mistyped spacing must not block the node for long
 STREAM_GAP = 0.2  # s, pause after which poses begin a new stream
 # s: within less, a source that compensates the backlash of its screws changes the velocity
-SHORTEST = 0.02
+SHORTEST_INTERVAL = 0.02
 
 
 class Setpoint(NamedTuple):
@@ -62,7 +62,7 @@ def require_possible(
         'setpoint velocity of {}', setpoint.velocity, speed, 'm/s', 'twice limits.speed'
     )
     elapsed = setpoint.time - last.time
-    backlash = 0.5 * acceleration * SHORTEST
+    backlash = 0.5 * acceleration * SHORTEST_INTERVAL
     bound = max(0.5 * acceleration * elapsed, backlash)
     for carriage, before, start, after, end in zip(
         AXIS_NAMES,

@@ -10,10 +10,10 @@ import ruckig
 
 from facade_manipulator.errors import ManipulatorError
 
-AXES = 3
-PLANNER = ruckig.Ruckig(AXES)
+AXIS_COUNT = 3
+PLANNER = ruckig.Ruckig(AXIS_COUNT)
 SYNCHRONIZATIONS = ruckig.Synchronization.Phase, ruckig.Synchronization.TimeIfNecessary
-ROUNDING = 1e-9  # relative tolerance of an acceleration at its limit
+ACCELERATION_ROUNDING = 1e-9  # relative tolerance of an acceleration at its limit
 LESS_JERK = 1.0 - 1e-6
 
 
@@ -47,7 +47,7 @@ def plan_trajectory(
         Ruckig finds no trajectory, which happens for a few motions inside all limits.
 
     """
-    plan = ruckig.InputParameter(AXES)
+    plan = ruckig.InputParameter(AXIS_COUNT)
     plan.current_position, plan.current_velocity, present = start
     limited = zip(present, acceleration, strict=True)
     plan.current_acceleration = [_without_rounding(*axis) for axis in limited]
@@ -59,7 +59,7 @@ def plan_trajectory(
     else:
         plan.target_position = goal
 
-    trajectory = ruckig.Trajectory(AXES)
+    trajectory = ruckig.Trajectory(AXIS_COUNT)
     for synchronization in SYNCHRONIZATIONS:
         plan.synchronization = synchronization
         # At the border between two kinds of trajectory, ruckig may find neither ("error in step
@@ -81,6 +81,6 @@ def _without_rounding(value: float, limit: float) -> float:
     Ruckig rejects such an acceleration. It accepts one far beyond, because the limit has been
     lowered.
     """
-    if limit < abs(value) < limit * (1.0 + ROUNDING):
+    if limit < abs(value) < limit * (1.0 + ACCELERATION_ROUNDING):
         return math.copysign(limit, value)
     return value

@@ -11,16 +11,16 @@ from facade_manipulator import topics
 from facade_manipulator.errors import InputError, ManipulatorError, NEXT
 from facade_manipulator.nodes.conversions import ros_time
 from facade_manipulator.nodes.driver_status import (
+    DRIVER_SILENCE,
     DriverStatus,
-    SILENCE,
     SILENT,
     STATUS_PERIOD,
 )
 from facade_manipulator.nodes.node_subscriptions import PublisherWatch
 
 # s, for the first driver/status after the start, and for the status after a command
-PATIENCE = STATUS_PERIOD
-PERIOD = 0.05  # s, between two updates of a gate
+STATUS_TIMEOUT = STATUS_PERIOD
+GATE_PERIOD = 0.05  # s, between two updates of a gate
 
 
 class Command(Protocol):
@@ -39,13 +39,13 @@ class CommandGate(Generic[C]):
     Gate that passes only commands received while the drives were active.
 
     It is open while driver/status reports active drives. It is also open if no driver/status was
-    received within `PATIENCE` of the start, because a driver of another make publishes none.
+    received within `STATUS_TIMEOUT` of the start, because a driver of another make publishes none.
 
-    A closed gate holds the newest command for `PATIENCE`: a command that follows the activation
-    may arrive before the driver's status. The command passes if it was received after the
-    activation, and is rejected otherwise, once.
+    A closed gate holds the newest command for `STATUS_TIMEOUT`: a command that follows the
+    activation may arrive before the driver's status. The command passes if it was received after
+    the activation, and is rejected otherwise, once.
 
-    The node calls `offer` for each command, `watch_driver` once, and `update` every `PERIOD`.
+    The node calls `offer` for each command, `watch_driver` once, and `update` every `GATE_PERIOD`.
     Times are on the monotonic clock [s], because the system clock may be set.
 
     Parameters
@@ -62,7 +62,7 @@ class CommandGate(Generic[C]):
     Attributes
     ----------
     status : DriverStatus or None
-        None before the first message, `SILENT` after `SILENCE` without a message.
+        None before the first message, `SILENT` after `DRIVER_SILENCE` without a message.
     held : command or None
         Command that waits for the status of the driver.
 
@@ -103,7 +103,7 @@ class CommandGate(Generic[C]):
 
     def receive(self, now: float, system_time: float, status: DriverStatus) -> None:
         """Apply a driver/status; the age of the activation is that on the system clock [s]."""
-        self._deadline = now + SILENCE
+        self._deadline = now + DRIVER_SILENCE
         before = self.status
         self.status = status
         if math.isinf(status.active_since):
@@ -124,13 +124,13 @@ class CommandGate(Generic[C]):
         """Apply the time-outs of the driver's status and of the held command."""
         if self._deadline == math.inf:
             # not in the constructor: a busy process may begin its callbacks late
-            self._deadline = now + PATIENCE
+            self._deadline = now + STATUS_TIMEOUT
         elif now > self._deadline and self.status is None:
             self._open(-math.inf)
         elif now > self._deadline and self.status is not SILENT:
             self._become_silent()
         held = self.held
-        if held is not None and now > held.received + PATIENCE:
+        if held is not None and now > held.received + STATUS_TIMEOUT:
             self._reject_held(held)
 
     def refusal(self, next_step: str) -> InputError:

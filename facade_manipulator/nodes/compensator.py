@@ -109,7 +109,7 @@ class CompensatorNode(BaseNode):
         self.create_service(*topics.TARE, partial(self._answer, self._tare))
         self.create_service(*topics.HOLD, partial(self._answer, self._hold))
         steady_timer(self, 1.0 / self._compensator.settings.rate, self._update)
-        steady_timer(self, command_gate.PERIOD, self._report_change)
+        steady_timer(self, command_gate.GATE_PERIOD, self._report_change)
         if not connects_later:
             self.connect(None)
 

@@ -16,9 +16,9 @@ from rclpy.node import Node
 from facade_manipulator import topics
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.nodes.conversions import steady_timer
-from facade_manipulator.nodes.planar_messages import LEVELS
+from facade_manipulator.nodes.planar_messages import LEVEL_NAMES
 
-PERIOD = 1.0  # s, between two messages on /diagnostics
+DIAGNOSTICS_PERIOD = 1.0  # s, between two messages on /diagnostics
 LOG_PERIOD = 10.0  # s, between two log lines of rejections for the same reason
 HOST = platform.node()  # hardware id of a component that is not a drive
 
@@ -40,10 +40,10 @@ def diagnostic_status(
     values: Mapping[str, Any],
     hardware_id: str = HOST,
 ) -> DiagnosticStatus:
-    """Return the status of a component; `level` is one of `LEVELS`."""
+    """Return the status of a component; `level` is one of `LEVEL_NAMES`."""
     return DiagnosticStatus(
         name=name,
-        level=bytes([LEVELS.index(level)]),
+        level=bytes([LEVEL_NAMES.index(level)]),
         message=message,
         hardware_id=hardware_id,
         values=key_values(values),
@@ -74,7 +74,7 @@ class Diagnostics:
         self._outcome: Any = None
         self.last_rejection = ''
         self._publisher = node.create_publisher(*topics.DIAGNOSTICS)
-        steady_timer(node, PERIOD, self.publish)
+        steady_timer(node, DIAGNOSTICS_PERIOD, self.publish)
 
     @contextmanager
     def counted(self) -> Iterator[None]:

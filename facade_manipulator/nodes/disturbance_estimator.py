@@ -45,8 +45,10 @@ from facade_manipulator.nodes.planar_messages import (
 from facade_manipulator.nodes.run import run
 from facade_manipulator.rejections import Rejections
 
-PERIOD = 0.01  # s, between two estimates
-SILENCE = 1.0  # s without a measurement of a sensor, after which it counts as silent
+ESTIMATE_PERIOD = 0.01  # s, between two estimates
+SENSOR_SILENCE = (
+    1.0  # s without a measurement of a sensor, after which it counts as silent
+)
 OUTLIER_BOUND = 0.5  # share of outliers since the previous look
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw in a covariance of six
 
@@ -88,7 +90,7 @@ class DisturbanceEstimatorNode(BaseNode):
                     partial(self._reject, name),
                     frame_id,
                 )
-        steady_timer(self, PERIOD, self._publish)
+        steady_timer(self, ESTIMATE_PERIOD, self._publish)
 
     def _receive_imu(self, message: Imu) -> None:
         """Add rates and accelerations, unless a covariance marks one as not measured."""
@@ -248,11 +250,11 @@ def sensor_outcome(
     They depend on the age of the newest valid measurement [s], the counts since the previous
     look, and the message of the recent rejections, ``''`` for none.
     """
-    if age >= SILENCE and rejection:
+    if age >= SENSOR_SILENCE and rejection:
         return 'warn', f'each measurement is rejected: {rejection}'
     if not math.isfinite(age):
         return 'ok', 'no measurement has been received'
-    if age >= SILENCE:
+    if age >= SENSOR_SILENCE:
         return 'warn', 'silent; next: check the sensor and its topic'
     if outliers > OUTLIER_BOUND * (used + outliers):
         return 'warn', 'most measurements are outliers; next: check mounting and noise'

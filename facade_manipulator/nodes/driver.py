@@ -43,7 +43,7 @@ from facade_manipulator.nodes import driver_diagnostics
 from facade_manipulator.nodes.conversions import joint_state, steady_timer, system_time
 from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_status import state_sentence, STATUS_PERIOD
-from facade_manipulator.nodes.lifecycle import ManagedNode, OnReply, UNCONFIGURED
+from facade_manipulator.nodes.lifecycle import ManagedNode, OnReply, UNCONFIGURED_LABEL
 from facade_manipulator.nodes.node_parameters import accept_changes, NodeParameters
 from facade_manipulator.nodes.node_settings import DriverSetup
 from facade_manipulator.nodes.node_subscriptions import PublisherWatch
@@ -287,7 +287,7 @@ class DriverNode(ManagedNode):
         released = self._software_stop.clear(time.monotonic())
         self._apply_software_stop()
         cleared = ''.join(f'{name} is cleared; ' for name in sorted(released))
-        if cleared and self.state_label == UNCONFIGURED:
+        if cleared and self.state_label == UNCONFIGURED_LABEL:
             on_reply(f'{cleared}next: configure, home, activate')
             return  # no drive has a fault to clear
 

@@ -87,7 +87,7 @@ class IkServiceNode(BaseNode):
         watch_driver(self._gate, self.inputs)
         self.inputs.subscribe(topics.JOINT_STATES, self._receive_joint_states)
         self.create_service(*topics.SOLVE, self._solve)
-        steady_timer(self, command_gate.PERIOD, self._report_change)
+        steady_timer(self, command_gate.GATE_PERIOD, self._report_change)
         if not connects_later:
             self.connect(None)
 
@@ -139,7 +139,7 @@ class IkServiceNode(BaseNode):
     def _follow(self, command: RailPose) -> None:
         """Follow a pose of a stream; approach a single pose from the head."""
         now = monotonic()
-        if now - command.received > command_gate.PERIOD:
+        if now - command.received > command_gate.GATE_PERIOD:
             command = command._replace(time=now)  # the gate has held the pose
         if self._poses.is_first(command):
             self.inputs.require_sole(topics.JOINT_STATES.name)

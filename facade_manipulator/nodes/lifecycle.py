@@ -16,8 +16,10 @@ from facade_manipulator.nodes.conversions import steady_timer
 from facade_manipulator.nodes.workarounds import answer_later, LifecycleMachine
 from facade_manipulator.topics import Service
 
-UNCONFIGURED = 'unconfigured'  # label of a state
-LOOK_PERIOD = 0.2  # s, between two checks whether a missing interface has appeared
+UNCONFIGURED_LABEL = 'unconfigured'  # label of a state
+INTERFACE_CHECK_PERIOD = (
+    0.2  # s, between two checks whether a missing interface has appeared
+)
 #: takes the result of a request, or the ManipulatorError with which it failed
 OnReply = Callable[[Any], None]
 
@@ -97,14 +99,14 @@ class ManagedNode(BaseNode, LifecycleNode):
         """Configure without a request as soon as `missing` returns ``''`` instead of a reason."""
 
         def look() -> None:
-            if self.state_label == UNCONFIGURED and (lacking := missing()):
+            if self.state_label == UNCONFIGURED_LABEL and (lacking := missing()):
                 self.report(False, f'configure waits: {lacking}')
                 return
             timer.cancel()
-            if self.state_label == UNCONFIGURED:
+            if self.state_label == UNCONFIGURED_LABEL:
                 self._begin(Transition.TRANSITION_CONFIGURE, lambda _: None)
 
-        timer = steady_timer(self, LOOK_PERIOD, look)
+        timer = steady_timer(self, INTERFACE_CHECK_PERIOD, look)
 
     def _start(self, start: Callable[[OnReply], None], on_reply: OnReply) -> None:
         """Start a request; a ManipulatorError that it raises is its reply."""

@@ -29,10 +29,10 @@ from facade_manipulator.nodes.diagnostics import Diagnostics
 from facade_manipulator.nodes.planar_messages import require_frame
 from facade_manipulator.topics import Topic
 
-LOOK_PERIOD = 0.5  # s; counting the publishers of a topic takes 6 us
+PUBLISHER_CHECK_PERIOD = 0.5  # s; counting the publishers of a topic takes 6 us
 BOUND = 1  # publisher of a topic
 # Fast DDS keeps a killed node in the graph for its lease of 20 s
-NEXT = 'next: end one of the nodes, or wait 20 s if one has crashed'
+PUBLISHER_REMEDY = 'next: end one of the nodes, or wait 20 s if one has crashed'
 ANY_PUBLISHER = qos_profile_sensor_data  # compatible with every publisher
 NAMELESS = '_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_'  # until the name arrives
 GRAPH_DELAY = 5.0  # s: the middleware may report a publisher before the graph lists it
@@ -83,7 +83,7 @@ class PublisherWatch:
         # by topic: publishers whose messages cannot be received
         self._incompatible: dict[str, IncompatiblePublisher] = {}
         self._qos: dict[str, QoSProfile] = {}  # of the subscriptions, by topic
-        steady_timer(node, LOOK_PERIOD, self.look)
+        steady_timer(node, PUBLISHER_CHECK_PERIOD, self.look)
 
     def watch(self, topic: Topic) -> None:
         """
@@ -187,7 +187,7 @@ class PublisherWatch:
     def require_sole(self, name: str) -> None:
         """Raise an InputError with reason ``'publishers'`` while a topic has two publishers."""
         if fault := self._faults.get(name):
-            raise InputError('publishers', f'{fault}; {NEXT}')
+            raise InputError('publishers', f'{fault}; {PUBLISHER_REMEDY}')
 
     def fault_of(self, name: str) -> str:
         """Return the fault of a topic: two publishers, or one that cannot be received."""
@@ -200,7 +200,7 @@ class PublisherWatch:
     def fault(self) -> str:
         """Return the topics with a second publisher and the next step, ``''`` for none."""
         faults = '; '.join(self._faults.values())
-        return faults and f'{faults}; {NEXT}'
+        return faults and f'{faults}; {PUBLISHER_REMEDY}'
 
     def look(self) -> None:
         """Count the publishers of all topics."""

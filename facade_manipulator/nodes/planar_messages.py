@@ -31,7 +31,7 @@ POSE_NUMBERS = (
     'orientation.z',
     'orientation.w',
 )
-LEVELS = ('ok', 'warn', 'error', 'stale')  # of diagnostics, by number
+LEVEL_NAMES = ('ok', 'warn', 'error', 'stale')  # of diagnostics, by number
 MAXIMUM_AGE, MAXIMUM_LEAD = 5.0, 1.0  # s, of the stamp of a command on arrival
 VARIANCES = (0, 7, 35)  # of x, y and yaw among the 36 of a pose's covariance
 
@@ -222,7 +222,7 @@ def planar_wrench(message: Any) -> Wrench:
 
 def status_level(status: Any) -> str:
     """Return the level of a diagnostic status as a word; an undefined level is an error."""
-    return dict(enumerate(LEVELS)).get(ord(status.level), 'error')
+    return dict(enumerate(LEVEL_NAMES)).get(ord(status.level), 'error')
 
 
 def status_values(status: Any) -> dict[str, str]:

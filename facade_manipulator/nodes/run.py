@@ -40,7 +40,7 @@ except ImportError:  # half the processor time of the other executor; some rclpy
 
 FAILED, USAGE_ERROR = 1, 2  # exit statuses
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-LOOK_PERIOD = 0.1  # s, maximum delay of a signal
+SIGNAL_CHECK_PERIOD = 0.1  # s, maximum delay of a signal
 # number of exceptions within this time [s] that ends a node
 MOST_EXCEPTIONS, EXCEPTION_PERIOD = 10, 10.0
 LOG_STEP = 'next: set ROS_LOG_DIR to a folder that you may write'
@@ -154,9 +154,9 @@ def _spin(nodes: Sequence[BaseNode], signals: Sequence[int]) -> None:
 def _run_callbacks(
     executor: Executor, nodes: Sequence[BaseNode], behind: list[BaseNode]
 ) -> None:
-    """Run callbacks for `LOOK_PERIOD`, and those of the messages that wait for nodes behind."""
+    """Run callbacks for `SIGNAL_CHECK_PERIOD`, and those of messages that wait for nodes."""
     # returning at each event would cost a twentieth of the time of a fast node
-    executor.spin_until_future_complete(Future(), timeout_sec=LOOK_PERIOD)
+    executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK_PERIOD)
     while behind:
         take_waiting(behind.pop())
     for node in nodes:

@@ -47,12 +47,12 @@ START_SHARE = 0.7  # time constant at the beginning, as a share of the elapsed t
 PRIOR_WEIGHT = 4.0
 MIN_LEARNT = 0.04  # s, keeps λ finite before anything is learnt
 SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
-UNKNOWN = 1.0  # m² or rad², variance of a forecast whose errors are unknown
+UNKNOWN_VARIANCE = 1.0  # m² or rad², variance of a forecast whose errors are unknown
 MIN_STEP = 0.1  # 1/s, squared step divided by the noise density: smaller steps earn little trust
 LONGEST_STEP = 0.15  # s between estimates: over a longer time the motion is unknown
-ROUNDING = 1e-6  # s, of stamps
+STAMP_ROUNDING = 1e-6  # s, of stamps and of the times computed from them
 # scores: squared error, step times the ideal step, squared step
-ERROR, RIGHT, STEP = range(3)
+SQUARED_ERROR, STEP_TIMES_IDEAL, SQUARED_STEP = range(3)
 
 
 class Sample(NamedTuple):
@@ -114,7 +114,7 @@ class Continuation:
         self.learnt = np.zeros(axes)
         self._elapsed = 0.0  # s, without forgetting
         self._scores = np.zeros((3, axes, len(self._horizons)))
-        self._scores[ERROR] = UNKNOWN
+        self._scores[SQUARED_ERROR] = UNKNOWN_VARIANCE
 
     @property
     def begin(self) -> float:
@@ -144,7 +144,7 @@ class Continuation:
 
         """
         stamps = np.array([sample.stamp for sample in self._samples])
-        end = stamps[-1] - self._horizons[-1] + ROUNDING
+        end = stamps[-1] - self._horizons[-1] + STAMP_ROUNDING
         count = int(stamps.searchsorted(end))
         if not count:
             return
@@ -190,7 +190,9 @@ class Continuation:
         share = known / min(SCORE_TIME, self._elapsed)
         self._scores += share * (mean - self._scores)
         # Estimates better than their variance do not compensate later errors.
-        self._scores[ERROR] = np.maximum(self._scores[ERROR], -noise[:, None])
+        self._scores[SQUARED_ERROR] = np.maximum(
+            self._scores[SQUARED_ERROR], -noise[:, None]
+        )
 
     def _add_moments(
         self,
@@ -237,11 +239,15 @@ class Continuation:
         self.weights = np.linalg.solve(squares, moves)
 
         # trust k minimises the squared errors of continued + k step
-        share = self._scores[RIGHT] / (self._scores[STEP] + MIN_STEP * density[:, None])
+        share = self._scores[STEP_TIMES_IDEAL] / (
+            self._scores[SQUARED_STEP] + MIN_STEP * density[:, None]
+        )
         self.trust = np.minimum(np.maximum(share, 0.0), 1.0)
 
         # Errors far below the noise cannot be measured: the propagated noise is the minimum.
         crossed = white.features @ self.weights - 2.0 * white.moves[:, group]
         continued = white.level_variance + (self.weights * crossed).sum(axis=1)
         gain = (1.0 - self.trust) ** 2 * continued + self.trust**2 * tones[:, None]
-        self.variances = np.maximum(self._scores[ERROR], gain * density[:, None])
+        self.variances = np.maximum(
+            self._scores[SQUARED_ERROR], gain * density[:, None]
+        )

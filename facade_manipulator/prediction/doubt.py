@@ -18,7 +18,7 @@ from facade_manipulator.prediction.jumps import (
     JumpDecision,
     JumpDetector,
 )
-from facade_manipulator.prediction.spline import LAST, motion, Pieces
+from facade_manipulator.prediction.spline import LAST_HORIZON, motion, Pieces
 
 STRONGEST_PUSH = (0.5, 0.35, 0.7)  # m/s², m/s², rad/s²: 250 N and 175 N on 500 kg
 # m² or rad², variance of the first predictions: the gondola may already move at 0.04 m/s or rad/s
@@ -63,7 +63,7 @@ class Doubt:
         """Return the positions [m, rad] of the last trusted forecasts at a time [s]."""
         positions = []
         for stamp, pieces in self._trusted:
-            position, _ = motion(pieces, min(time - stamp, LAST))
+            position, _ = motion(pieces, min(time - stamp, LAST_HORIZON))
             positions.append(position)
         return np.array(positions)
 
@@ -110,7 +110,7 @@ class Doubt:
             is_followed = False
             # otherwise the newest forecast is also the last trusted one
             if detector.is_doubted:
-                newest, _ = motion(self._newest[axis], min(interval, LAST))
+                newest, _ = motion(self._newest[axis], min(interval, LAST_HORIZON))
                 newest_deviation = math.sqrt(variance(axis, interval) + spread)
                 difference = abs(positions[axis] - newest)
                 is_followed = difference < DOUBT * newest_deviation

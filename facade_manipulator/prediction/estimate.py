@@ -21,17 +21,19 @@ from facade_manipulator.parameters import parameter, settings
 
 OLDEST_ESTIMATE = 0.3  # s: an older estimate is stale
 # s, lead of the estimator's clock: synchronised clocks differ by less
-FUTURE_TOLERANCE = 0.01
-FASTEST = 1.0  # m/s or rad/s: a gondola is slower
-LARGEST_JUMP = 0.03  # m or rad, change between two estimates in addition to FASTEST
+ESTIMATE_CLOCK_TOLERANCE = 0.01
+FASTEST_GONDOLA = 1.0  # m/s or rad/s: a gondola is slower
+LARGEST_JUMP = (
+    0.03  # m or rad, change between two estimates in addition to FASTEST_GONDOLA
+)
 # Minimum interval between two estimates that the predictor learns from [s]: learning at 100 Hz
 # would be the largest part of the processor time of the compensator. An estimate older than the
 # previous estimate by less than this is in order, because it is skipped.
 MIN_INTERVAL = 0.015
 LARGEST_TILT = 0.05  # rad out of the plane: a smaller tilt is ignored
-ROUNDING = 1e-9  # m or 1: a smaller derivative of the rail's pose is zero
+ZERO_DERIVATIVE = 1e-9  # m or 1: a smaller derivative of the rail's pose is zero
 # name, unit and largest displacement, which is several times the correction of the head
-AXES = (('x', 'm', 2.0), ('y', 'm', 2.0), ('theta', 'rad', 0.6))
+DISPLACEMENT_LIMITS = (('x', 'm', 2.0), ('y', 'm', 2.0), ('theta', 'rad', 0.6))
 
 
 @settings
@@ -152,7 +154,7 @@ class EstimateGate:
 
         """
         stamp -= self.settings.delay
-        for (name, _, _), value in zip(AXES, pose, strict=True):
+        for (name, _, _), value in zip(DISPLACEMENT_LIMITS, pose, strict=True):
             if not math.isfinite(value):
                 raise InputError.not_finite(f'disturbance {name}', value)
         if tilt > LARGEST_TILT:
@@ -167,8 +169,10 @@ class EstimateGate:
         place = self._of_rail(pose)
         known = tuple([self._is_known(row, measured) for row in self._squares])
         self._check_range(place, known)
-        require_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
-        if self._last.stamp - now > FUTURE_TOLERANCE:
+        require_recent(
+            'disturbance', now - stamp, OLDEST_ESTIMATE, ESTIMATE_CLOCK_TOLERANCE
+        )
+        if self._last.stamp - now > ESTIMATE_CLOCK_TOLERANCE:
             # the clock was set back: its stamps are meaningless
             self._last = NO_ESTIMATE
         self._check_step(stamp, pose, measured)
@@ -208,7 +212,7 @@ class EstimateGate:
     def _check_range(place: Pose, known: Sequence[bool]) -> None:
         """Reject a pose of the rail with a known axis that no gondola reaches."""
         for (name, unit, largest), value, is_known in zip(
-            AXES, place, known, strict=True
+            DISPLACEMENT_LIMITS, place, known, strict=True
         ):
             if is_known and not abs(value) <= largest:  # NaN after an overflow
                 raise InputError(
@@ -223,9 +227,13 @@ class EstimateGate:
         elapsed = stamp - last.stamp
         if elapsed <= -MIN_INTERVAL or elapsed == 0.0:
             raise InputError.out_of_order('disturbance', -elapsed)
-        allowed = LARGEST_JUMP + FASTEST * abs(elapsed)
+        allowed = LARGEST_JUMP + FASTEST_GONDOLA * abs(elapsed)
         for (name, unit, _), change, was_known, is_known in zip(
-            AXES, difference(pose, last.pose), last.known, known, strict=True
+            DISPLACEMENT_LIMITS,
+            difference(pose, last.pose),
+            last.known,
+            known,
+            strict=True,
         ):
             if was_known and is_known and abs(change) > allowed:
                 raise InputError(
@@ -264,4 +272,4 @@ class EstimateGate:
 
 
 def _square(derivative: float) -> float:
-    return 0.0 if abs(derivative) < ROUNDING else derivative * derivative
+    return 0.0 if abs(derivative) < ZERO_DERIVATIVE else derivative * derivative

@@ -25,9 +25,11 @@ from __future__ import annotations
 import numpy as np
 
 BANDWIDTHS = np.array((0.8, 2.0, 4.0, 8.0))  # rad/s
-LEVEL = 2  # index of the filter to whose position the features are relative
+LEVEL_FILTER = 2  # index of the filter to whose position the features are relative
 FEATURES = 3 * len(BANDWIDTHS) - 1
-ACCELERATION = 3 * LEVEL + 1  # index of the level filter's a/ω² in the features
+ACCELERATION_FEATURE = (
+    3 * LEVEL_FILTER + 1
+)  # index of the level filter's a/ω² in the features
 
 _POLES = np.array(
     (-1.0, np.exp(2j * np.pi / 3.0))
@@ -67,9 +69,11 @@ def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         Position p of the level filter [m or rad].
 
     """
-    level = states[..., LEVEL, 0]
+    level = states[..., LEVEL_FILTER, 0]
     relative = states - level[..., None, None] * np.array((1.0, 0.0, 0.0))
-    return np.delete(relative.reshape(*level.shape, -1), 3 * LEVEL, axis=-1), level
+    return np.delete(
+        relative.reshape(*level.shape, -1), 3 * LEVEL_FILTER, axis=-1
+    ), level
 
 
 def response(frequencies: np.ndarray) -> np.ndarray:

@@ -14,14 +14,23 @@ import math
 
 import numpy as np
 
-from facade_manipulator.prediction.continuation import Continuation, Sample, UNKNOWN
-from facade_manipulator.prediction.filters import ACCELERATION, BANDWIDTHS, LEVEL
+from facade_manipulator.prediction.continuation import (
+    Continuation,
+    Sample,
+    STAMP_ROUNDING,
+    UNKNOWN_VARIANCE,
+)
+from facade_manipulator.prediction.filters import (
+    ACCELERATION_FEATURE,
+    BANDWIDTHS,
+    LEVEL_FILTER,
+)
 from facade_manipulator.prediction.positions import Positions
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
 from facade_manipulator.prediction.tones import Tones
 
-NEAR = slice(0, 4)  # groups of horizons
-FAR = slice(4, None)
+NEAR_HORIZONS = slice(0, 4)  # groups of horizons
+FAR_HORIZONS = slice(4, None)
 LEARNING_PERIOD = 0.14  # s
 PEAK_TIME = 20.0  # s, with which the largest estimated acceleration is forgotten
 PEAK_SHARE = (
@@ -30,11 +39,12 @@ PEAK_SHARE = (
 # squared acceleration divided by the variance of its noise: less is not a motion
 NOISE_PEAK = 9.0
 GROWTH = 2.0  # of the squared acceleration, above which earlier learning weighs less
-ROUNDING = 1e-6  # s, of the time at which learning is due
 # from the level filter's feature a/ω² to the squared acceleration
-_SQUARED = BANDWIDTHS[LEVEL] ** 4
+_SQUARED = BANDWIDTHS[LEVEL_FILTER] ** 4
 # variance of the level filter's acceleration / noise density
-ACCELERATION_NOISE = _SQUARED * noise_moments().features[ACCELERATION, ACCELERATION]
+ACCELERATION_NOISE = (
+    _SQUARED * noise_moments().features[ACCELERATION_FEATURE, ACCELERATION_FEATURE]
+)
 
 
 class Learning:
@@ -65,8 +75,8 @@ class Learning:
 
     def __init__(self, stamp: float, noise: np.ndarray, mean_interval: float) -> None:
         axes = len(noise)
-        near = Continuation(axes, NEAR)
-        far = Continuation(axes, FAR)
+        near = Continuation(axes, NEAR_HORIZONS)
+        far = Continuation(axes, FAR_HORIZONS)
         self._groups = (near, far)
         self._turns = zip(
             cycle((near, near, near, far)), cycle(range(axes)), strict=False
@@ -81,7 +91,9 @@ class Learning:
         """Return the variance of the prediction of an axis after a time [s]."""
         if ahead <= HORIZONS[0]:  # as usual: interpolation takes ten times as long
             return self.variances[axis][0]
-        return float(np.interp(ahead, HORIZONS, self.variances[axis], right=UNKNOWN))
+        return float(
+            np.interp(ahead, HORIZONS, self.variances[axis], right=UNKNOWN_VARIANCE)
+        )
 
     def add(self, sample: Sample) -> None:
         """Keep the forecast after an estimate, to learn from it later."""
@@ -100,9 +112,9 @@ class Learning:
         """Update the strength of the motion by the features, and learn if it is due."""
         floor = noise * (mean_interval * ACCELERATION_NOISE)
         forgotten = math.exp(-interval / PEAK_TIME) * self._peak
-        squared = _SQUARED * seen[:, ACCELERATION] ** 2
+        squared = _SQUARED * seen[:, ACCELERATION_FEATURE] ** 2
         self._peak = np.maximum(forgotten, squared - NOISE_PEAK * floor)
-        if stamp <= self._next - ROUNDING:
+        if stamp <= self._next - STAMP_ROUNDING:
             return
 
         self._next = stamp + LEARNING_PERIOD

@@ -24,9 +24,10 @@ Each estimate y(t) of an axis passes through these steps, in the order of the co
 
 The filters are stable. A speed bounds the moves, and the noise bounds the steps towards tones.
 Any learnt weights therefore give a bounded forecast. No forecast is made from another forecast,
-except over a gap (up to `LONGEST_GAP`) and while estimates count as wrong (up to `DECISION_TIME`):
-the filters then follow the last trusted forecast. No proof covers that case. Tests bound the
-prediction there for random estimates. `EstimateGate` rejects jumps that would exceed the bound.
+except over a gap (up to `LONGEST_GAP_OF_ESTIMATES`) and while estimates count as wrong (up to
+`DECISION_TIME`): the filters then follow the last trusted forecast. No proof covers that case.
+Tests bound the prediction there for random estimates. `EstimateGate` rejects jumps that would
+exceed the bound.
 """
 
 from __future__ import annotations
@@ -45,10 +46,10 @@ from facade_manipulator.prediction.learning import Learning
 from facade_manipulator.prediction.positions import Positions
 from facade_manipulator.prediction.prior import HORIZONS
 from facade_manipulator.prediction.reduction import Reduction
-from facade_manipulator.prediction.spline import LAST, motion, Pieces, splines
+from facade_manipulator.prediction.spline import LAST_HORIZON, motion, Pieces, splines
 
 MOVES = 2.0 * HORIZONS  # m or rad, bound of the moves: a speed of 2 m/s or rad/s
-LONGEST_GAP = 1.1  # s without estimates, after which learning starts again
+LONGEST_GAP_OF_ESTIMATES = 1.1  # s without estimates, after which learning starts again
 FIRST_INTERVAL = 0.02  # s, assumed mean interval until there are two estimates
 LARGEST_STEP = 3.0  # standard deviations, towards trusted tones; 1 towards others
 INNOVATION_TIME = 2.0  # s, averaging time of the squared innovations
@@ -84,7 +85,7 @@ class DisturbancePredictor:
         ----------
         stamp : float
             Time of the disturbance [s]. Learning starts again if it is not later than the
-            previous stamp, or later by more than `LONGEST_GAP`.
+            previous stamp, or later by more than `LONGEST_GAP_OF_ESTIMATES`.
         values : Pose
             Estimated disturbance [m, m, rad].
         variances : sequence of float
@@ -95,7 +96,7 @@ class DisturbancePredictor:
         noise = np.array(variances)
         interval = stamp - self.stamp
         has_stepped = False
-        if 0.0 < interval <= LONGEST_GAP:
+        if 0.0 < interval <= LONGEST_GAP_OF_ESTIMATES:
             share = min(interval / (stamp - self.since), 1.0)
             self._interval += share * (interval - self._interval)
             has_stepped = self._follow(stamp, interval, measured, noise)
@@ -115,8 +116,8 @@ class DisturbancePredictor:
         horizon, the velocity decays.
         """
         ahead = time - self.stamp
-        t = min(max(ahead, 0.0), LAST)
-        decay = math.exp(min(LAST - ahead, 0.0) / HOLD_TIME)
+        t = min(max(ahead, 0.0), LAST_HORIZON)
+        decay = math.exp(min(LAST_HORIZON - ahead, 0.0) / HOLD_TIME)
         held = HOLD_TIME * (1.0 - decay)
         positions = []
         velocities = []

@@ -21,7 +21,7 @@ HORIZONS = np.array((0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6))
 SWAY_BAND = (0.05, 0.8)  # Hz: from 100 m of cable to a stiff guide
 SWAY_SLOPE = -4.0  # of the position's spectral density
 NOISE_BAND = (0.0025, 25.0)  # Hz: the passband of the filters
-POINTS = 1000
+BAND_POINTS = 1000
 
 
 class Moments(NamedTuple):
@@ -47,7 +47,7 @@ class Moments(NamedTuple):
 @lru_cache
 def sway_moments() -> Moments:
     """Return the moments of sways whose acceleration has the variance 1 m²/s⁴."""
-    frequencies = np.geomspace(*SWAY_BAND, POINTS)
+    frequencies = np.geomspace(*SWAY_BAND, BAND_POINTS)
     power = frequencies**SWAY_SLOPE * np.gradient(frequencies)
     power /= power @ (2.0 * np.pi * frequencies) ** 4
     later = np.exp(2j * np.pi * np.outer(frequencies, HORIZONS))
@@ -57,9 +57,11 @@ def sway_moments() -> Moments:
 @lru_cache
 def noise_moments() -> Moments:
     """Return the moments of white noise whose density, variance times interval, is 1 m² s."""
-    frequencies = np.linspace(*NOISE_BAND, POINTS)
+    frequencies = np.linspace(*NOISE_BAND, BAND_POINTS)
     power = 2.0 * np.gradient(frequencies)
-    return _moments(response(frequencies), power, np.zeros((POINTS, len(HORIZONS))))
+    return _moments(
+        response(frequencies), power, np.zeros((BAND_POINTS, len(HORIZONS)))
+    )
 
 
 def _moments(states: np.ndarray, power: np.ndarray, later: np.ndarray) -> Moments:

@@ -14,7 +14,7 @@ import numpy as np
 
 from facade_manipulator.prediction.prior import HORIZONS
 
-LAST = float(HORIZONS[-1])  # s
+LAST_HORIZON = float(HORIZONS[-1])  # s
 _KNOTS = HORIZONS[2:-2].tolist()  # s
 _CUBIC = [-math.inf] * 4  # the terms 1, t, t², t³ apply everywhere
 

@@ -22,18 +22,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Maximum time from the first to the last of the estimates that are averaged [s]: below π/FASTEST,
-# and not a multiple of usual intervals, so that rounding does not change their number.
+# Maximum time from the first to the last of the estimates that are averaged [s]: below
+# π/FASTEST_TONE, and not a multiple of usual intervals, so that rounding does not change their
+# number.
 BLOCK = 0.142
 BLOCKS = 400  # maximum number in the window of the fit
-SHORTEST = 3.0  # s, minimum length of the window
+SHORTEST_WINDOW = 3.0  # s, minimum length of the window
 MOST_TONES = 7  # of an axis: a false tone must leave room for a true tone
-FASTEST = 12.0  # rad/s
+FASTEST_TONE = 12.0  # rad/s
 # minimum power of a tone in the periodogram divided by the power of the noise
-SIGNIFICANT = 20.0
+SIGNIFICANT_POWER = 20.0
 MAX_TURN = 1.0  # rad, change of a tone's phase over the window in one step
 MIN_DISTANCE = 1.0  # rad, between the phases of two tones over the window
-POINTS = 1024  # of the periodogram
+PERIODOGRAM_POINTS = 1024  # of the periodogram
 
 
 class Tones:
@@ -53,7 +54,7 @@ class Tones:
     """
 
     def __init__(self, axes: int) -> None:
-        self.noise_gain = np.full(axes, 5.0 / SHORTEST)
+        self.noise_gain = np.full(axes, 5.0 / SHORTEST_WINDOW)
         self._first = math.inf  # stamp of the first estimate in the present block [s]
         self._sum = np.zeros(axes + 2)  # of stamps, values and ones in this block
         # mean stamp, mean values, number of estimates
@@ -86,7 +87,7 @@ class Tones:
         """Improve the fit of an axis by one step, for a variance of the estimates [m² or rad²]."""
         stamps, values, sizes = self._blocks[:, (0, 1 + axis, -1)].T
         span = stamps[-1] - stamps[0] if len(stamps) else 0.0
-        if span < SHORTEST or stamps[-1] == self._stamps[axis]:
+        if span < SHORTEST_WINDOW or stamps[-1] == self._stamps[axis]:
             return
 
         size = sizes.mean()
@@ -186,8 +187,8 @@ class _Window(NamedTuple):
         is_near = np.abs(frequencies[:, None] - frequencies) < apart
         is_weaker = power[:, None] < power
         is_double = (is_near & is_weaker).any(axis=1)
-        is_above_noise = power * len(self.times) > 2.0 * SIGNIFICANT * self.noise
-        is_in_band = (frequencies > apart) & (frequencies < FASTEST)
+        is_above_noise = power * len(self.times) > 2.0 * SIGNIFICANT_POWER * self.noise
+        is_in_band = (frequencies > apart) & (frequencies < FASTEST_TONE)
         return is_above_noise & is_in_band & ~is_double
 
     def _strongest(self, residual: np.ndarray) -> np.ndarray:
@@ -198,11 +199,11 @@ class _Window(NamedTuple):
         # periodogram of the residual at equal intervals
         times = -span / (count - 1) * np.arange(count - 1, -1, -1)
         even = np.interp(times, self.times, residual)
-        power = np.abs(np.fft.rfft(even, POINTS)) ** 2
+        power = np.abs(np.fft.rfft(even, PERIODOGRAM_POINTS)) ** 2
         last = len(power) - 1
         frequencies = np.pi * np.arange(len(power)) / last * (count - 1) / span
 
-        power[(frequencies < np.pi / span) | (frequencies > FASTEST)] = 0.0
+        power[(frequencies < np.pi / span) | (frequencies > FASTEST_TONE)] = 0.0
         peak = power.argmax()
-        is_significant = power[[peak]] > SIGNIFICANT * count * self.noise
+        is_significant = power[[peak]] > SIGNIFICANT_POWER * count * self.noise
         return frequencies[[peak]][is_significant]

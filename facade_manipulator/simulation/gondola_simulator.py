@@ -33,7 +33,7 @@ from facade_manipulator.simulation.world.scenario import load_scenario
 from facade_manipulator.simulation.world.world import World
 
 DELIVERY_PERIOD = 0.005  # s, between two deliveries of measurements
-SILENCE = 0.1  # s without joint_states, after which the carriages stop
+CARRIAGE_SILENCE = 0.1  # s without joint_states, after which the carriages stop
 LONGEST_ADVANCE = 0.2  # s of the world in one callback: 20 ms of computing
 # m/s, speed of the world's carriages towards the positions of the drives
 CARRIAGE_SPEED = 1.0
@@ -45,7 +45,7 @@ POSES = (
     topics.WALL_ERROR,
     topics.UNCOMPENSATED_ERROR,
 )
-RAW_SENSORS = topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X
+RAW_SENSOR_TOPICS = topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X
 FORCES = topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES
 # covariance of a message without orientation
 NO_ORIENTATION = np.array((-1.0, *[0.0] * 8))
@@ -66,7 +66,7 @@ class GondolaSimulatorNode(BaseNode):
         )
 
         published = list(POSES)
-        published += RAW_SENSORS if scenario.raw_sensors else [topics.DISTURBANCE]
+        published += RAW_SENSOR_TOPICS if scenario.raw_sensors else [topics.DISTURBANCE]
         if scenario.wall.is_touched:
             published += FORCES
         self._outputs = {
@@ -108,8 +108,8 @@ class GondolaSimulatorNode(BaseNode):
     def _deliver(self) -> None:
         """Publish the measurements that have arrived; advance a world without drives."""
         now = conversions.ros_time()
-        if now - self._world.time > SILENCE:
-            self._advance(now - SILENCE, self._world.carriages)
+        if now - self._world.time > CARRIAGE_SILENCE:
+            self._advance(now - CARRIAGE_SILENCE, self._world.carriages)
 
         for name, stamp, values in self._world.raw_sensors.receive(now):
             frame_id = self._frames.prefix + name  # each sensor has its own frame

@@ -21,7 +21,7 @@ from rich.console import Console
 from facade_manipulator.command_line import above_zero, exit_status
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.package_files import atomic_write
-from facade_manipulator.study.optimum import OBJECTIVES, STEP
+from facade_manipulator.study.optimum import OBJECTIVES, SWEEP_STEP
 from facade_manipulator.study.paper import design, LENGTH_SUM, STROKE_LENGTH
 from facade_manipulator.study.paper_tables import PARTS, progress, Study
 from facade_manipulator.study.workspace_metrics import Good
@@ -29,7 +29,7 @@ from facade_manipulator.study.workspace_metrics import Good
 REPORT = Path('workspace_report')
 NO_FILE = Path(os.devnull)
 BAD_INPUT = 2
-LENGTHS = {
+LENGTH_OPTIONS = {
     'l': (Geometry.link_length, 'length of the links'),
     'b': (Geometry.platform_half_length, 'half the length of the platform'),
     'stroke': (STROKE_LENGTH, 'length of the stroke Q'),
@@ -138,7 +138,7 @@ def _parser() -> argparse.ArgumentParser:
         '--json', type=Path, metavar='FILE', help='write the numbers to FILE'
     )
     lengths = parser.add_argument_group('the design and its good poses')
-    for name, (default, words) in LENGTHS.items():
+    for name, (default, words) in LENGTH_OPTIONS.items():
         lengths.add_argument(
             f'--{name}',
             type=float,
@@ -180,7 +180,7 @@ def _parser() -> argparse.ArgumentParser:
     search.add_argument(
         '--step',
         type=above_zero,
-        default=STEP,
+        default=SWEEP_STEP,
         metavar='M',
         help='step of l and b (default %(default)g) [m]',
     )

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from facade_manipulator.kinematics import compose, Geometry, joints, Pose, ZERO_POSE
+from facade_manipulator.kinematics.planar import MM
 
 # of even lightness, distinct for colour-blind readers and in grey
 COLOUR_MAP = 'viridis'
@@ -24,7 +25,6 @@ GREEN = '#009E73'
 BLACK = '#000000'
 GREY = '#777777'
 PALE = '#D9D9D9'
-MILLIMETRES = 1e3
 MACHINE_MODE = '+-'  # signs of the roots in eqs 7 and 8
 GHOST = 0.3  # opacity of postures behind the named one
 NAMES = {  # offset [points] and alignment of labels, which do not overlap where all carriages meet
@@ -128,7 +128,7 @@ def _placed(rail: Pose, point: Iterable[float]) -> np.ndarray:
     """Return a point of the rail's frame [m] in that of the drawing [mm]."""
     x, y = point
     place = compose(rail, Pose(x, y, 0.0))
-    return MILLIMETRES * np.array(place[:2])
+    return MM * np.array(place[:2])
 
 
 def _draw_line(
@@ -158,8 +158,8 @@ def draw_lines_of_force(axes: Axes, geometry: Geometry, pose: Pose) -> None:
     at = joints_in_mode(geometry, pose)
     direction = at['b1'] - at['a1']
     meeting = at['a1'] + pose.y / at['b1'][1] * direction
-    end = meeting * MILLIMETRES
+    end = meeting * MM
     style = {'linewidth': 1.0, 'linestyle': '--', 'zorder': 1}
     for name in ('a1', 'a2', 'p'):
-        _draw_line(axes, at[name] * MILLIMETRES, end, GREEN, **style)
+        _draw_line(axes, at[name] * MM, end, GREEN, **style)
     axes.plot(*end, 'o', color=GREEN, markersize=5.0, zorder=3)

@@ -19,8 +19,9 @@ import numpy as np
 
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.kinematics.maps import pose_map
+from facade_manipulator.kinematics.planar import MM
 from facade_manipulator.study import drawing, figures_postures
-from facade_manipulator.study.drawing import COLOUR_MAP, label, MILLIMETRES, plan_view
+from facade_manipulator.study.drawing import COLOUR_MAP, label, plan_view
 from facade_manipulator.study.paper import CASES, design, ratio_on_grid
 from facade_manipulator.study.paper_tables import lengths, Study
 from facade_manipulator.study.singularities import (
@@ -147,7 +148,7 @@ def _turn_map(
     at = pose_map(geometry, y[:, None], theta, characteristic_length)
     is_outside = np.isnan(at.lower) | (at.number <= 0.0)
     index = np.where(is_outside, np.nan, at.conditioning)
-    return np.degrees(theta), y * MILLIMETRES, index
+    return np.degrees(theta), y * MM, index
 
 
 def figure_11(study: Study) -> Figure:
@@ -167,17 +168,17 @@ def figure_11(study: Study) -> Figure:
     ):
         geometry = replace(study.geometry, carriage_gap=gap)
         theta = np.degrees(theta_bounds(geometry, y))
-        x = pose_map(geometry, y, 0.0).upper * MILLIMETRES
-        words = f'{gap * MILLIMETRES:.0f} mm between carriages'
+        x = pose_map(geometry, y, 0.0).upper * MM
+        words = f'{gap * MM:.0f} mm between carriages'
         look = {'color': colour, 'linestyle': style, 'label': words}
-        left.plot(y * MILLIMETRES, theta, **look)
-        right.plot(y * MILLIMETRES, x, **look)
+        left.plot(y * MM, theta, **look)
+        right.plot(y * MM, x, **look)
 
     label(left, drawing.Y_LABEL, 'maximum angle |θ| [deg]', 'd) rotation')
     travel = 'maximum |x| at θ = 0 [mm]'
     label(right, drawing.Y_LABEL, travel, 'e) travel along the rail')
     for axes in (left, right):
-        axes.set(xlim=(0.0, length * MILLIMETRES), ylim=(0.0, None))
+        axes.set(xlim=(0.0, length * MM), ylim=(0.0, None))
         axes.grid(color=drawing.PALE, linewidth=0.6)
         axes.legend(loc='lower left' if axes is right else 'upper left')
     return made
@@ -197,7 +198,7 @@ def _section_map(
     at = pose_map(geometry, y, 0.0, characteristic_length)
     inside = (at.lower[:, None] <= x) & (x <= at.upper[:, None])
     index = np.where(inside, at.conditioning[:, None], np.nan)
-    return x * MILLIMETRES, y * MILLIMETRES, index
+    return x * MM, y * MM, index
 
 
 def _draw_union(axes: Axes, geometry: Geometry) -> None:
@@ -213,8 +214,8 @@ def _draw_union(axes: Axes, geometry: Geometry) -> None:
     along = np.concatenate([lower, upper[::-1], lower[:1]])
     across = np.concatenate([y, y[::-1], y[:1]])
     axes.plot(
-        MILLIMETRES * along,
-        MILLIMETRES * across,
+        MM * along,
+        MM * across,
         color=drawing.ORANGE,
         linewidth=1.2,
         label='outline: reached at any angle θ',
@@ -225,12 +226,12 @@ def _draw_loci(axes: Axes, geometry: Geometry) -> None:
     """Draw the loci of both determinants over (θ, y)."""
     theta = np.radians(np.linspace(-34.0, 34.0, 681))
     angle = np.degrees(theta)
-    serial = serial_curve(geometry, theta) * MILLIMETRES
+    serial = serial_curve(geometry, theta) * MM
     axes.plot(angle, serial, color=drawing.BLUE, label='det A = 0')
     lower, upper = parallel_curves(geometry, theta)
     colour = drawing.ORANGE
-    axes.plot(angle, lower * MILLIMETRES, color=colour, label='det B = 0')
-    axes.plot(angle, upper * MILLIMETRES, color=colour)
+    axes.plot(angle, lower * MM, color=colour, label='det B = 0')
+    axes.plot(angle, upper * MM, color=colour)
     axes.annotate('N > 0', (0.0, 130.0), ha='center')
     axes.annotate('N < 0', (20.0, 20.0), ha='center')
     axes.set_ylim(bottom=0.0)
@@ -251,8 +252,8 @@ def _draw_slices(axes: Any, geometry: Geometry, scale: Normalize) -> None:
         height = np.full_like(x, np.degrees(theta))
         across = np.broadcast_to(y, x.shape)
         axes.plot_surface(
-            x * MILLIMETRES,
-            across * MILLIMETRES,
+            x * MM,
+            across * MM,
             height,
             facecolors=np.repeat(colours, 2, axis=1),
             shade=False,
@@ -260,8 +261,8 @@ def _draw_slices(axes: Any, geometry: Geometry, scale: Normalize) -> None:
             antialiased=False,
         )
 
-    reach = 0.5 * geometry.stroke_length * MILLIMETRES
-    far = geometry.link_length * MILLIMETRES
+    reach = 0.5 * geometry.stroke_length * MM
+    far = geometry.link_length * MM
     turn = np.degrees(end)
     axes.set(xlim=(-reach, reach), ylim=(0.0, far), zlim=(-turn, turn))
     axes.set(xlabel='x [mm]', ylabel='y [mm]')

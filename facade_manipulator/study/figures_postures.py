@@ -11,25 +11,21 @@ import numpy as np
 from facade_manipulator import kinematics
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.maps import pose_map
+from facade_manipulator.kinematics.planar import MM
 from facade_manipulator.study import drawing
-from facade_manipulator.study.drawing import (
-    draw_mechanism,
-    GHOST,
-    MILLIMETRES,
-    plan_view,
-)
+from facade_manipulator.study.drawing import draw_mechanism, GHOST, plan_view
 from facade_manipulator.study.paper_tables import Study
 from facade_manipulator.study.workspace_metrics import section_bounds, theta_peak
 
 MODES = ('++', '-+', '+-', '--')  # in the order of Figure 5
-INSIDE = 1.0 - 1e-9  # share of a limit: rounding may put the limit itself outside
+INSIDE_LIMIT = 1.0 - 1e-9  # share of a limit: rounding may put the limit itself outside
 PART = 0.6  # share of the distance to a limit at which Figure 3 shows a motion
 SWAY = {  # poses of the rail in Figure 12 [m, m, rad]
     'gondola to the left': Pose(-0.12, 0.02, radians(2.0)),
     'gondola in its place': kinematics.ZERO_POSE,
     'gondola to the right': Pose(0.12, -0.02, radians(-2.0)),
 }
-HOME = kinematics.Carriages(-0.1, 0.1, 0.0)  # m: Table 4, corrected
+HOME_POSITIONS = kinematics.Carriages(-0.1, 0.1, 0.0)  # m: Table 4, corrected
 HEAD_TO_WALL = 40.0  # mm, as drawn
 
 
@@ -68,7 +64,7 @@ def figure_5(study: Study) -> Figure:
     for axes, mode, letter in zip(grid.flat, MODES, 'abcd', strict=True):
         draw_mechanism(axes, study.geometry, pose, mode, has_names=True)
         at = drawing.joints_in_mode(study.geometry, pose, mode)
-        room = MILLIMETRES * np.ptp([at[name][0] for name in ('a1', 'a2', 'a3')])
+        room = MM * np.ptp([at[name][0] for name in ('a1', 'a2', 'a3')])
         signs = mode.replace('-', '−')
         title = f'{letter}) “{signs}”: the carriages take {room:.0f} mm of the rail'
         plan_view(axes, 750.0, (-160.0, 370.0), title)
@@ -80,8 +76,8 @@ def figure_12(study: Study) -> Figure:
     """Draw the compensation: the head stays in place on the wall while the rail is displaced."""
     title = 'Figures 2 and 12: with and without (pale) compensation'
     made = drawing.figure(10.0, 2.6, title)
-    home = kinematics.forward_kinematics(study.geometry, HOME)
-    wall = home.y * MILLIMETRES + HEAD_TO_WALL
+    home = kinematics.forward_kinematics(study.geometry, HOME_POSITIONS)
+    wall = home.y * MM + HEAD_TO_WALL
     grid = made.subplots(1, 3, sharey=True)
     for axes, (title, rail) in zip(grid, SWAY.items(), strict=True):
         draw_mechanism(axes, study.geometry, home, alpha=GHOST, rail=rail)
@@ -105,17 +101,17 @@ def draw_extremes(grid: list[Axes], geometry: Geometry) -> None:
     angle = degrees(turned.theta)
     panels = (
         (
-            f'a) θ = {angle:.1f}° at y = {turned.y * MILLIMETRES:.0f} mm',
+            f'a) θ = {angle:.1f}° at y = {turned.y * MM:.0f} mm',
             turned,
             turned._replace(theta=-turned.theta),
         ),
         (
-            f'b) y = {far.y * MILLIMETRES:.0f} mm',
+            f'b) y = {far.y * MM:.0f} mm',
             far,
             far._replace(y=aside.y),
         ),
         (
-            f'c) x = {aside.x * MILLIMETRES:.0f} mm at y = {aside.y * MILLIMETRES:.0f} mm',
+            f'c) x = {aside.x * MM:.0f} mm at y = {aside.y * MM:.0f} mm',
             aside,
             aside._replace(x=-aside.x),
         ),
@@ -129,12 +125,12 @@ def extremes(geometry: Geometry) -> tuple[Pose, Pose, Pose]:
     """Return the poses with the maximum θ, and at θ = 0 with the maximum y and x [m, m, rad]."""
     y_turned, theta_max = theta_peak(geometry)
     lower, upper = section_bounds(geometry)
-    theta = theta_max * INSIDE
+    theta = theta_max * INSIDE_LIMIT
     turned = Pose(_nearest_x(geometry, y_turned, theta), y_turned, theta)
-    far_y = upper * INSIDE
+    far_y = upper * INSIDE_LIMIT
     far = Pose(_nearest_x(geometry, far_y, 0.0), far_y, 0.0)
     # the x-interval is widest nearest to the rail
-    near_y = lower / INSIDE
+    near_y = lower / INSIDE_LIMIT
     aside = Pose(float(pose_map(geometry, near_y, 0.0).upper[0]), near_y, 0.0)
     return turned, far, aside
 

@@ -26,12 +26,14 @@ from facade_manipulator.kinematics import Geometry
 from facade_manipulator.study.paper import LENGTH_SUM, LINK_RANGE, PLATFORM_RANGE
 from facade_manipulator.study.workspace_metrics import Good, measure, section_area
 
-STEP = 0.001  # m: step of the sweep, as in the paper
-CELLS = 128  # number of cells of y and of θ: the ratio of a design is exact to 4e-4
+SWEEP_STEP = 0.001  # m: step of the sweep, as in the paper
+SWEEP_CELLS = (
+    128  # number of cells of y and of θ: the ratio of a design is exact to 4e-4
+)
 CHUNK = 32  # designs per task: some tenths of a second, so that transport costs little
 CONNECTION_TIMEOUT = 10.0  # s
 PR_SET_PDEATHSIG = 1
-ROUNDING = 1e-9  # m
+LENGTH_ROUNDING = 1e-9  # m
 
 Lengths = tuple[float, float]  # l and b [m]
 
@@ -52,7 +54,7 @@ class Merit(NamedTuple):
 OBJECTIVES = {'area': 'm2', 'good_area': 'm2', 'volume': 'm2 rad', 'ratio': ''}
 
 
-def designs(length_sum: float = LENGTH_SUM, step: float = STEP) -> list[Lengths]:
+def designs(length_sum: float = LENGTH_SUM, step: float = SWEEP_STEP) -> list[Lengths]:
     """
     Return the designs of Table 1 in steps [m] with a given l + b [m]; 0 means every sum.
 
@@ -80,7 +82,7 @@ def _steps(ends: tuple[float, float], step: float) -> list[float]:
     """Return the lengths from the first to the last in steps [m]."""
     lower, upper = ends
     lengths: list[float] = np.round(
-        np.arange(lower, upper + ROUNDING, step), 9
+        np.arange(lower, upper + LENGTH_ROUNDING, step), 9
     ).tolist()
     return lengths
 
@@ -89,7 +91,7 @@ def evaluate(lengths: Lengths, like: Geometry, good: Good) -> Merit:
     """Return the merits of a design on the rail of another design; a worker process calls it."""
     length, half = lengths
     geometry = replace(like, link_length=length, platform_half_length=half)
-    volume, *shares = measure(geometry, good, CELLS)
+    volume, *shares = measure(geometry, good, SWEEP_CELLS)
     ratio, beyond_share = np.nan_to_num(shares).tolist()
     return Merit(
         link_length=length,
@@ -124,7 +126,7 @@ def best(merits: list[Merit], objectives: Iterable[str]) -> list[dict[str, Any]]
     """
     regular = []
     for merit in merits:
-        if merit.link_length >= merit.platform_half_length - ROUNDING:
+        if merit.link_length >= merit.platform_half_length - LENGTH_ROUNDING:
             regular.append(merit)
 
     found = []

@@ -31,8 +31,8 @@ PLATFORM_RANGE = (0.300, 0.550)
 LENGTH_SUM = 0.7  # m: l + b of every case of the paper, which does not state it
 # m: the ratios round to those of the paper; 1.0 moves them by 0.001
 STROKE_LENGTH = 1.005
-STEP = 0.001  # m, of the grid of y
-TURN = float(np.radians(1.0))  # of the grid of θ
+GRID_STEP = 0.001  # m, of the grid of y
+GRID_TURN = float(np.radians(1.0))  # of the grid of θ
 
 
 class Case(NamedTuple):
@@ -65,8 +65,10 @@ def design(
 def ratio_on_grid(geometry: Geometry, good: Good = PAPER_GOOD) -> float:
     """Return the good share of the workspace on the grid of the paper; NaN if it is empty."""
     # Rounded, so that 352 times 0.001 is exactly the length of the link, 0.352.
-    y = np.round(np.arange(STEP, geometry.link_length + 1e-9, STEP), 12)[:, None]
-    theta = TURN * np.arange(-90, 91)
+    y = np.round(np.arange(GRID_STEP, geometry.link_length + 1e-9, GRID_STEP), 12)[
+        :, None
+    ]
+    theta = GRID_TURN * np.arange(-90, 91)
     at = pose_map(geometry, y, theta, good.characteristic_length)
     total = at.width.sum()
     if not total:

@@ -17,7 +17,7 @@ from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.maps import number_at
 from facade_manipulator.study.workspace_metrics import bisect
 
-SAMPLES = 100  # of y, to find a regular pose between both curves
+SEARCH_SAMPLES = 100  # of y, to find a regular pose between both curves
 
 
 def serial_curve(geometry: Geometry, theta: np.ndarray) -> np.ndarray:
@@ -37,7 +37,7 @@ def parallel_curves(
     """
     theta = np.abs(theta)
     edge = np.where(np.cos(theta) > 0.0, serial_curve(geometry, theta), np.nan)
-    y = edge * np.linspace(0.0, 1.0, SAMPLES + 1)[:, None]
+    y = edge * np.linspace(0.0, 1.0, SEARCH_SAMPLES + 1)[:, None]
     numbers = number_at(geometry, y, theta)
 
     # the sample with the greatest N is between both curves

@@ -24,7 +24,7 @@ CELLS = 256  # of y and of θ: the ratio is exact to 1e-4, the volume to 3e-5
 UNION_Y = 400  # of y, and of θ, for the union
 UNION_THETA = 257
 SEARCH = 2001  # samples of y for the peak of θ, then of ever shorter ranges about it
-INSIDE = 1.0 - 1e-12  # of a bound, where rounding must not lead beyond it
+INSIDE_BOUND = 1.0 - 1e-12  # of a bound, where rounding must not lead beyond it
 BISECTIONS = 60  # iterations from any interval to the resolution of a double
 
 
@@ -189,8 +189,8 @@ def measure(
     for piece, least in enumerate((y_range(geometry)[0], 0.0)):
         y, weight = _nodes(least, geometry.link_length, cells)
         lower, upper = _theta_intervals(geometry, y)[piece]
-        lower = INSIDE * lower[:, None]
-        upper = INSIDE * upper[:, None]
+        lower = INSIDE_BOUND * lower[:, None]
+        upper = INSIDE_BOUND * upper[:, None]
         span = np.maximum(0.0, upper - lower)
         if not span.any():
             continue

@@ -13,12 +13,14 @@ from pathlib import Path
 from facade_manipulator.command_line import above_zero, exit_status
 from facade_manipulator.control_loop.loop_channel import LoopSetup
 from facade_manipulator.drives.stopping_distances import StoppingAnalysis
+from facade_manipulator.kinematics.planar import MM
 from facade_manipulator.package_files import machine_files
 from facade_manipulator.parameters import ParameterSource
 from facade_manipulator.tools.parameter_files import announce, read_machine
 
-COASTING = 1.87  # m/s²: 67 mm from 0.5 m/s, by friction and masses of the prototype
-_MM = 1e3
+COASTING_DECELERATION = (
+    1.87  # m/s²: 67 mm from 0.5 m/s, by friction and masses of the prototype
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         '--coasting',
         type=above_zero,
-        default=COASTING,
+        default=COASTING_DECELERATION,
         metavar='M/S^2',
         help='mean deceleration without power (default: %(default)s)',
     )
@@ -60,17 +62,17 @@ def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
     """Print the distances after failures and stops; raises the ParameterErrors of the driver."""
     print(f'{"when":38}{"minimum distance":>16}{"safe from gap":>15}')
     for name, distance, gap in analysis.outcomes:
-        print(f'{name:38}{_MM * distance:13.1f} mm{_MM * gap:12.1f} mm')
+        print(f'{name:38}{MM * distance:13.1f} mm{MM * gap:12.1f} mm')
     print(
-        f'\nCarriages touch at {_MM * analysis.geometry.carriage_length:.1f} mm. The maximum '
-        f'overshoot beyond the stroke is {_MM * analysis.overshoot:.1f} mm.\n\n'
+        f'\nCarriages touch at {MM * analysis.geometry.carriage_length:.1f} mm. The maximum '
+        f'overshoot beyond the stroke is {MM * analysis.overshoot:.1f} mm.\n\n'
         f'{"speed":>8}  {"from distance":>15}{"approach from":>16}'
         f'{"left by SS1-t":>16}{"left by STO":>14}'
     )
     for row in analysis.table(coasting):
         print(
-            f'{row.speed:4.2f} m/s  {_MM * row.alone:12.1f} mm{_MM * row.approach:13.1f} mm'
-            f'{_MM * row.left_by_ss1_t:13.1f} mm{_MM * row.left_by_sto:11.1f} mm'
+            f'{row.speed:4.2f} m/s  {MM * row.alone:12.1f} mm{MM * row.approach:13.1f} mm'
+            f'{MM * row.left_by_ss1_t:13.1f} mm{MM * row.left_by_sto:11.1f} mm'
         )
     print(f'SS1-t: STO follows {analysis.sto_delay:.2f} s after the quick-stop inputs')
     analysis.check()

@@ -8,8 +8,12 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.nodes.command_gate import CommandGate, PATIENCE, PERIOD
-from facade_manipulator.nodes.driver_status import DriverStatus, SILENCE
+from facade_manipulator.nodes.command_gate import (
+    CommandGate,
+    GATE_PERIOD,
+    STATUS_TIMEOUT,
+)
+from facade_manipulator.nodes.driver_status import DRIVER_SILENCE, DriverStatus
 
 START = 100.0  # s, monotonic
 EPOCH = 1.8e9  # s, from the monotonic to the system clock
@@ -63,8 +67,8 @@ class Bench:
         )
 
     def wait(self, duration):
-        for _ in range(round(duration / PERIOD)):
-            self.now += PERIOD
+        for _ in range(round(duration / GATE_PERIOD)):
+            self.now += GATE_PERIOD
             self.gate.update(self.now)
 
 
@@ -85,9 +89,9 @@ def active(bench):
 
 def test_commands_pass_without_a_driver_after_a_delay(bench):
     early = bench.offer()
-    bench.wait(PATIENCE)
+    bench.wait(STATUS_TIMEOUT)
     assert bench.followed == []
-    bench.wait(2 * PERIOD)
+    bench.wait(2 * GATE_PERIOD)
     late = bench.offer()
     assert bench.followed == [early, late]
     assert bench.rejected == [] and bench.ends == []
@@ -98,24 +102,24 @@ def test_late_first_callback_does_not_open_the_gate(bench):
     bench.now += 1.0
     bench.offer()
     bench.report('inactive')
-    bench.wait(2 * PATIENCE)
+    bench.wait(2 * STATUS_TIMEOUT)
     assert bench.followed == [] and len(bench.rejected) == 1
 
 
 @pytest.mark.parametrize('since', [START - 1.0, START + 1.0])
 def test_driver_that_appears_late_ends_only_earlier_commands(bench, since):
-    bench.wait(PATIENCE + 2 * PERIOD)
+    bench.wait(STATUS_TIMEOUT + 2 * GATE_PERIOD)
     bench.offer()
     bench.now += 1.0
     bench.report('active', since)
-    assert len(bench.ends) == (since > START + PATIENCE)
+    assert len(bench.ends) == (since > START + STATUS_TIMEOUT)
 
 
 def test_invalid_first_status_closes_the_gate(bench):
     """Two drivers from the start are not a driver of another make."""
     command = bench.offer()
     bench.gate.receive_invalid()
-    bench.wait(2 * PATIENCE)
+    bench.wait(2 * STATUS_TIMEOUT)
     assert bench.followed == [] and bench.rejected == [command]
 
 
@@ -125,7 +129,7 @@ def test_command_between_activation_and_its_status_is_followed(bench):
     since = bench.now
     bench.now += 0.1
     command = bench.offer()
-    bench.wait(PATIENCE / 2)
+    bench.wait(STATUS_TIMEOUT / 2)
     bench.report('active', since)
     assert bench.followed == [command] and bench.rejected == []
 
@@ -144,9 +148,9 @@ def test_command_before_the_activation_is_rejected_at_once(bench):
 def test_command_without_activation_is_rejected_once(bench):
     bench.report('inactive')
     command = bench.offer()
-    bench.wait(PATIENCE)
+    bench.wait(STATUS_TIMEOUT)
     assert bench.rejected == []
-    bench.wait(3 * PATIENCE)
+    bench.wait(3 * STATUS_TIMEOUT)
     assert bench.rejected == [command]
     assert bench.reasons == [
         'the drives are inactive; next: activate, then send the pose again'
@@ -156,14 +160,14 @@ def test_command_without_activation_is_rejected_once(bench):
 def test_newer_command_replaces_the_held_command(bench):
     bench.report('inactive')
     bench.offer()
-    bench.wait(PATIENCE / 2)
+    bench.wait(STATUS_TIMEOUT / 2)
     newer = bench.offer()
-    bench.wait(2 * PATIENCE)
+    bench.wait(2 * STATUS_TIMEOUT)
     assert bench.rejected == [newer]
 
 
 def test_command_during_silence_is_rejected_at_once(active):
-    active.wait(SILENCE + 2 * PERIOD)
+    active.wait(DRIVER_SILENCE + 2 * GATE_PERIOD)
     command = active.offer()
     assert active.rejected == [command] and active.followed == []
     assert active.reasons[0].startswith('the driver is silent; next: check whether')
@@ -171,17 +175,17 @@ def test_command_during_silence_is_rejected_at_once(active):
 
 def test_silence_ends_the_followed_commands_once(active):
     active.offer()
-    active.wait(2 * SILENCE)
+    active.wait(2 * DRIVER_SILENCE)
     assert len(active.ends) == 1 and not active.gate.has_passed
 
 
 def test_driver_that_returns_follows_no_earlier_command(active):
     since = active.now
     active.offer()
-    active.wait(SILENCE + 2 * PERIOD)
+    active.wait(DRIVER_SILENCE + 2 * GATE_PERIOD)
     active.followed.clear()
     active.report('active', since)
-    active.wait(PATIENCE)
+    active.wait(STATUS_TIMEOUT)
     assert active.followed == [] and not active.gate.has_passed
     newer = active.offer()
     assert active.followed == [newer]
@@ -209,7 +213,7 @@ def test_status_that_repeats_the_activation_ends_nothing(active):
     since = active.now
     active.offer()
     for _ in range(20):
-        active.wait(PATIENCE)
+        active.wait(STATUS_TIMEOUT)
         active.report('active', since)
     assert active.ends == []
 
@@ -246,12 +250,12 @@ def test_only_commands_after_the_activation_are_followed(events):
         elif event == 'repeat':
             bench.report('active' if since < math.inf else 'stopped', since)
         else:
-            bench.wait(SILENCE + 1.0 if event == 'wait_long' else 0.1)
+            bench.wait(DRIVER_SILENCE + 1.0 if event == 'wait_long' else 0.1)
         if bench.followed:
             newest = bench.followed[-1]
             ended = bench.ends and bench.ends[-1] > newest.received
             assert ended or newest.received >= since
-    bench.wait(2 * PATIENCE)
+    bench.wait(2 * STATUS_TIMEOUT)
     answered = bench.followed + bench.rejected
     assert len(answered) == len({*answered})
     assert not offered or offered[-1] in answered

@@ -13,7 +13,7 @@ from facade_manipulator.nodes.conversions import pose_message, stamp
 from facade_manipulator.nodes.disturbance_estimator import (
     DisturbanceEstimatorNode,
     sensor_outcome,
-    SILENCE,
+    SENSOR_SILENCE,
 )
 from facade_manipulator.nodes.planar_messages import planar_pose, seconds
 
@@ -134,16 +134,23 @@ def test_unknown_axes_of_a_pose_fix_are_ignored(ros):
             'warn',
             'each measurement is rejected: frame; next: a',
         ),
-        (SILENCE, 5, 5, '', 'warn', 'silent; next: check the sensor and its topic'),
         (
-            SILENCE,
+            SENSOR_SILENCE,
+            5,
+            5,
+            '',
+            'warn',
+            'silent; next: check the sensor and its topic',
+        ),
+        (
+            SENSOR_SILENCE,
             5,
             5,
             'old; next: a',
             'warn',
             'each measurement is rejected: old; next: a',
         ),
-        (0.9 * SILENCE, 0, 0, 'old; next: a', 'ok', 'measuring'),
+        (0.9 * SENSOR_SILENCE, 0, 0, 'old; next: a', 'ok', 'measuring'),
         (0.0, 5, 5, '', 'ok', 'measuring'),
         (
             0.0,

@@ -21,7 +21,7 @@ from facade_manipulator.kinematics import (
 )
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.motion.head_path import ReferenceSettings
-from facade_manipulator.motion.pose_follower import LEAD
+from facade_manipulator.motion.pose_follower import APPROACH_LEAD
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped
 from facade_manipulator.nodes.driver_status import SILENT
 from facade_manipulator.nodes.ik_service import IkServiceNode
@@ -107,7 +107,7 @@ def test_single_pose_is_approached_from_the_head(bench):
     )
     times = [seconds(item.header.stamp) for item in bench.setpoints]
     q3 = [item.position[2] for item in bench.setpoints]
-    assert times == sorted(times) and times[0] >= begin + LEAD
+    assert times == sorted(times) and times[0] >= begin + APPROACH_LEAD
     assert (q3[0], q3[-1]) == pytest.approx((start.x, MIDDLE.x), abs=1e-3)
     assert (
         max(
@@ -282,7 +282,7 @@ def test_pose_before_the_activation_moves_nothing(bench):
 
 
 def test_pose_that_the_gate_held_is_for_the_present(bench, monkeypatch):
-    monkeypatch.setattr('facade_manipulator.nodes.command_gate.PATIENCE', 60.0)
+    monkeypatch.setattr('facade_manipulator.nodes.command_gate.STATUS_TIMEOUT', 60.0)
     bench.publish_driver('activating')
     since = bench.now()
     bench.send(MIDDLE, since)
@@ -294,7 +294,7 @@ def test_pose_that_the_gate_held_is_for_the_present(bench, monkeypatch):
 
 
 def test_pose_during_driver_silence_moves_nothing(ros, monkeypatch):
-    monkeypatch.setattr('facade_manipulator.nodes.command_gate.SILENCE', 0.3)
+    monkeypatch.setattr('facade_manipulator.nodes.command_gate.DRIVER_SILENCE', 0.3)
     bench = Bench(ros)
     bench.until_head(Pose(-0.05, 0.25, 0.0))
     since = bench.now()

@@ -14,7 +14,11 @@ from facade_manipulator.covariance import MIN_DEVIATION
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.prediction import doubt, reduction
 from facade_manipulator.prediction import predictor as predictor_module
-from facade_manipulator.prediction.estimate import FASTEST, LARGEST_JUMP, MIN_INTERVAL
+from facade_manipulator.prediction.estimate import (
+    FASTEST_GONDOLA,
+    LARGEST_JUMP,
+    MIN_INTERVAL,
+)
 from facade_manipulator.prediction.predictor import DisturbancePredictor
 from facade_manipulator.prediction.reduction import MAX_ACCELERATION
 
@@ -190,7 +194,7 @@ def test_bounded_estimates_give_a_bounded_prediction(changes, deviation):
     values = np.zeros(3)
     for interval, share in changes:
         stamp += interval
-        largest = LARGEST_JUMP + FASTEST * abs(interval)
+        largest = LARGEST_JUMP + FASTEST_GONDOLA * abs(interval)
         values = np.clip(values + np.multiply(share, largest), -0.5, 0.5)
         predictor.update(stamp, Pose(*values), Pose(*(3 * [deviation**2])))
         for ahead in (-0.5, 0.0, 0.05, 0.12, 0.37, 0.6, 1.0, 100.0):

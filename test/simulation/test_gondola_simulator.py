@@ -16,7 +16,7 @@ from facade_manipulator.simulation.gondola_simulator import (
     GondolaSimulatorNode,
     POSES,
     raw_fields,
-    RAW_SENSORS,
+    RAW_SENSOR_TOPICS,
 )
 
 HEAD = Pose(0.03, 0.25, 0.02)  # in frame rail
@@ -55,7 +55,7 @@ def test_each_simulated_measurement_has_a_frame_of_its_namespace(ros, scenario):
     simulator = ros.add(
         GondolaSimulatorNode(namespace='gondola_1', parameter_overrides=overrides)
     )
-    measurements = (*RAW_SENSORS, topics.DISTURBANCE, topics.CONTACT_WRENCH)
+    measurements = (*RAW_SENSOR_TOPICS, topics.DISTURBANCE, topics.CONTACT_WRENCH)
     offered = {publisher.topic_name for publisher in simulator.publishers}
     bench = ros.node(namespace='gondola_1')
     received = {
@@ -71,7 +71,7 @@ def test_each_simulated_measurement_has_a_frame_of_its_namespace(ros, scenario):
     ros.until(lambda: received and all(received.values()), 'each measurement')
     frames = {name: found[-1].header.frame_id for name, found in received.items()}
     assert all(frame.startswith('gondola_1/') for frame in frames.values()), frames
-    raw = {topic.name for topic in RAW_SENSORS} & frames.keys()
+    raw = {topic.name for topic in RAW_SENSOR_TOPICS} & frames.keys()
     assert {frames[name] for name in raw} == {f'gondola_1/{name}' for name in raw}
 
 

@@ -44,7 +44,7 @@ from facade_manipulator.timeouts import DRIVER_TIMEOUT
 
 NAMESPACE = 'demo'
 RECORDED = topics.HEAD_POSE, topics.RAIL_POSE, topics.REFERENCE, topics.CONTACT_WRENCH
-SAMPLES = 30_000  # for each topic: the last 300 s at 100 Hz
+KEPT_SAMPLES = 30_000  # for each topic: the last 300 s at 100 Hz
 # components on /diagnostics
 OPERATION = 'driver: operation'
 BUS = 'driver: bus'
@@ -60,7 +60,7 @@ COUNTERS = {  # component and key on /diagnostics
 MODULES = 'simulation.gondola_simulator', 'nodes.driver', 'nodes.manipulator'
 ESTIMATOR = 'nodes.disturbance_estimator'  # only with raw sensors
 # a node ends with the demo
-START = ('setpriv', '--pdeathsig', 'TERM', sys.executable, '-uPm')
+START_COMMAND = ('setpriv', '--pdeathsig', 'TERM', sys.executable, '-uPm')
 PARAMETER_FILES = config_path('manipulator.yaml'), config_path('simulation.yaml')
 RESULTS = (
     'summary.json',
@@ -70,7 +70,7 @@ RESULTS = (
     'disturbance_estimator.log',
 )
 ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
-TURN = 0.1  # s, period of the checks of goal and drives
+CHECK_PERIOD = 0.1  # s, period of the checks of goal and drives
 LINE_SAMPLES = 200  # at 100 Hz; the line counts the second half, the last second
 LAST_COUNTERS = 1.2  # s: each node publishes its counters once a second
 say = partial(print, sep='\n', flush=True)
@@ -89,7 +89,7 @@ class Demo:
         stale = partial(DiagnosticStatus, level=DiagnosticStatus.STALE)
         # latest diagnostics by name
         self.components = defaultdict[str, DiagnosticStatus](stale)
-        self.tables = [deque[tuple[float, ...]](maxlen=SAMPLES) for _ in RECORDED]
+        self.tables = [deque[tuple[float, ...]](maxlen=KEPT_SAMPLES) for _ in RECORDED]
 
         initialise()  # rclpy's own signal handlers would end ROS before the drives are stopped
         self.client = ManipulatorClient(NAMESPACE, 'demo_supervisor', self.watch)
@@ -151,7 +151,7 @@ class Demo:
         )
         for module in modules:
             name = module.split('.')[1]
-            command = [*START, f'facade_manipulator.{module}', *arguments]
+            command = [*START_COMMAND, f'facade_manipulator.{module}', *arguments]
             with (self.output / f'{name}.log').open('w') as log:
                 # in its own group: Ctrl-C in the terminal reaches only the demo
                 self.nodes[name] = subprocess.Popen(
@@ -194,7 +194,7 @@ class Demo:
             if elapsed >= lines:  # one each second
                 lines = int(elapsed) + 1
                 self.say_progress(elapsed)
-            time.sleep(TURN)
+            time.sleep(CHECK_PERIOD)
 
     def say_progress(self, elapsed: float) -> None:
         """Print the states, the newest errors and the counters after some seconds."""

@@ -31,7 +31,7 @@ PATHS = (  # paths of a run: colour, name, marker and its size
     (BLUE, 'head with compensation', 'o', 6.0),
     (PINK, 'reference of the head', '+', 14.0),
 )
-AXES = 'x, along the wall', 'y, to the wall', 'θ, yaw'
+AXIS_LABELS = 'x, along the wall', 'y, to the wall', 'θ, yaw'
 ELAPSED = 'time since the first goal [s]'
 HIGHEST_FREQUENCY = 10.0  # Hz
 RMS_TIME = 1.0  # s, over which an error in the picture is averaged
@@ -40,11 +40,11 @@ AMPLIFICATION = (
     'the head follows the noise of the estimate and the limits of the drives'
 )
 READINGS = 10  # of the force in a mean, 0.1 s: the noise of a reading is 0.5 N
-TOUCH = 1.0  # N, above which the averaged force is a contact
+CONTACT_FORCE = 1.0  # N, above which the averaged force is a contact
 DURATION = 12.0  # s, of the animation
 FRAME_PERIOD = 0.25  # s
 TRAIL = 3.0  # s, of a path in the animation
-PALE = 0.25  # opacity of the mechanism without compensation
+PALE_OPACITY = 0.25  # opacity of the mechanism without compensation
 # m, as drawn; as in config/gondola.xml the pose of the head is that of the tips of its brush
 BRUSH_DEPTH = 0.06
 BRUSH_WIDTH = 0.3
@@ -168,13 +168,13 @@ def errors(run: Run) -> Figure:
         label(
             over_time,
             ELAPSED if is_last else '',
-            f'{AXES[i]}: RMS of {RMS_TIME:g} s [{unit}]',
+            f'{AXIS_LABELS[i]}: RMS of {RMS_TIME:g} s [{unit}]',
             f'RMS {run.figures[i]}',
         )
         label(
             by_frequency,
             'frequency [Hz]' if is_last else '',
-            f'{AXES[i]}: amplitude [{unit}]',
+            f'{AXIS_LABELS[i]}: amplitude [{unit}]',
             AMPLIFICATION if i == 0 else '',
         )
     handles = over_time.get_legend_handles_labels()
@@ -200,11 +200,17 @@ def force(run: Run) -> Figure:
     forces = np.convolve(run.forces, np.full(READINGS, 1.0 / READINGS), 'valid')
     times = run.times[READINGS - 1 :]
     panel.plot(times, forces, color=BLUE, lw=1.0, label='mean of 0.1 s')
-    panel.axhline(TOUCH, color=GREY, ls=':', lw=1.0, label=f'contact above {TOUCH:g} N')
+    panel.axhline(
+        CONTACT_FORCE,
+        color=GREY,
+        ls=':',
+        lw=1.0,
+        label=f'contact above {CONTACT_FORCE:g} N',
+    )
     if desired := run.scenario.compensator.get('contact.force'):
         panel.axhline(desired, color=PINK, ls='--', lw=1.0, label='desired')
 
-    touching = forces[forces > TOUCH]
+    touching = forces[forces > CONTACT_FORCE]
     share = 100.0 * len(touching) / len(forces)
     mean = touching.sum() / max(len(touching), 1)
     title = (
@@ -262,7 +268,7 @@ def draw_moment(panel: Axes, run: Run, now: int) -> None:
         color='#b3dfd2',
         label='brush',
     )
-    for pose, opacity in (without, PALE), (head, 1.0):
+    for pose, opacity in (without, PALE_OPACITY), (head, 1.0):
         with suppress(LimitError):  # an interpolated head may be out of reach
             draw_mechanism(
                 panel, Geometry(), relative(rail, pose), alpha=opacity, rail=rail

@@ -21,7 +21,7 @@ from facade_manipulator.simulation.drives.objects import Objects
 
 # by method: attribute of SimulatedMotor; its side of the rail's middle; direction of the index
 # pulse from there, 0 for no index pulse
-_METHODS = {
+_SEARCHES = {
     37: ('position', 1, 0),
     35: ('position', 1, 0),
     34: ('position', 1, 1),
@@ -126,7 +126,7 @@ class Homing(Idle):
 
     def __init__(self, objects: Objects, motor: SimulatedMotor) -> None:
         super().__init__(objects, motor)
-        methods = _METHODS.keys() & objects.profile.homing_methods
+        methods = _SEARCHES.keys() & objects.profile.homing_methods
         objects.choices[indices.HOMING_METHOD, 0] = {0, *methods}
 
     def enter(self) -> None:
@@ -147,9 +147,9 @@ class Homing(Idle):
 
     def _find_home(self, method: int) -> float | None:
         """Return the home position [counts], None if the method or its switch is missing."""
-        if method not in _METHODS:
+        if method not in _SEARCHES:
             return None
-        edge, side, direction = _METHODS[method]
+        edge, side, direction = _SEARCHES[method]
         home = side * getattr(self._motor, edge)
         turn = self._motor.counts_per_revolution
         if edge == 'home_switch' and not home:

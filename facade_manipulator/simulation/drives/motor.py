@@ -11,11 +11,8 @@ from collections.abc import Callable
 import math
 
 from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.states import DigitalInput
 from facade_manipulator.parameters import parameter, settings
-
-# bits of the digital inputs 60FDh
-LIMITS = (0x1, 0x2)
-HOME_SWITCH = 0x4
 
 STANDSTILL = 1.0  # counts/s: a slower motor is at rest
 # from the middle of the rail to both sides
@@ -107,9 +104,9 @@ class SimulatedMotor:
         """Return the states of the switches as bits of 60FDh."""
         is_home = abs(self.position) <= self.home_switch
         closed = (
-            LIMITS[0] * (self.position <= -self.limit_switch)
-            | LIMITS[1] * (self.position >= self.limit_switch)
-            | HOME_SWITCH * (is_home != self._settings.home_switch_opens)
+            DigitalInput.NEGATIVE_LIMIT_SWITCH * (self.position <= -self.limit_switch)
+            | DigitalInput.POSITIVE_LIMIT_SWITCH * (self.position >= self.limit_switch)
+            | DigitalInput.HOME_SWITCH * (is_home != self._settings.home_switch_opens)
         )
         return closed ^ self.inverted()
 

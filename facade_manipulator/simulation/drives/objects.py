@@ -64,7 +64,7 @@ _NEEDED = {
     (indices.MAXIMUM_ACCELERATION, 0),
 }
 # writable, never stored
-_COMMANDS = {
+_NEVER_STORED = {
     indices.STORE_PARAMETERS,
     indices.CONTROLWORD,
     indices.MODE_OF_OPERATION,
@@ -222,7 +222,7 @@ class Objects(LocalNode):
             raise SdoAbortedError(constants.ABORT_STORE_APPLICATION)
         self.stored = {}
         for key, variable in self.variables.items():
-            is_setting = variable.writable and key[0] not in _COMMANDS
+            is_setting = variable.writable and key[0] not in _NEVER_STORED
             default = self.defaults.get(key, variable.default)
             if is_setting and self.values[key] != default:
                 self.stored[key] = self.values[key]

@@ -15,6 +15,7 @@ import math
 from facade_manipulator.canopen import indices
 from facade_manipulator.drives.states import (
     Controlword,
+    DigitalInput,
     Mode,
     POWERED_STATES,
     State,
@@ -29,11 +30,7 @@ from facade_manipulator.simulation.drives.modes import (
     Idle,
     SpeedRamp,
 )
-from facade_manipulator.simulation.drives.motor import (
-    LIMITS,
-    SimulatedMotor,
-    STANDSTILL,
-)
+from facade_manipulator.simulation.drives.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.simulation.drives.objects import Objects
 
 _LONGEST_STEP = 0.001  # s
@@ -42,8 +39,10 @@ _LONGEST_STEP = 0.001  # s
 FOLLOWING_ERROR = 0x8611
 SOFTWARE_LIMIT = 0x8A82
 SAFE_TORQUE_OFF = 0x8A88
-_NEGATIVE_LIMIT, _POSITIVE_LIMIT = LIMITS
-_LIMIT_SWITCH_ERRORS = {_NEGATIVE_LIMIT: 0x8A80, _POSITIVE_LIMIT: 0x8A81}
+_LIMIT_SWITCH_ERRORS = {
+    DigitalInput.NEGATIVE_LIMIT_SWITCH: 0x8A80,
+    DigitalInput.POSITIVE_LIMIT_SWITCH: 0x8A81,
+}
 _NO_WINDOW = 0xFFFFFFFF
 
 # option codes 605Ah, after the quick stop ramp 6085h

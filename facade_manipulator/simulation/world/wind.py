@@ -26,12 +26,12 @@ FREQUENCIES = (1e-4, 5.0)  # Hz; 4 % of the variance at 5 m/s is outside
 TONES = 250
 SHARES = np.array([1.0, 0.8])  # σ_k / σ_u
 HEIGHT = 40.0  # m above ground
-LENGTHS = np.array([8.1, 2.7]) * 0.7 * HEIGHT  # L_k [m]
+GUST_LENGTHS = np.array([8.1, 2.7]) * 0.7 * HEIGHT  # L_k [m]
 
 
 def spectral_density(wind: Wind, frequencies: np.ndarray) -> np.ndarray:
     """Return S along and across the mean wind [m²/s] at frequencies [Hz], shape (2, n)."""
-    times = LENGTHS / wind.mean_speed
+    times = GUST_LENGTHS / wind.mean_speed
     variances = (wind.turbulence * wind.mean_speed * SHARES) ** 2
     decay = (1.0 + 6.0 * np.outer(times, frequencies)) ** (5.0 / 3.0)
     return 4.0 * (variances * times)[:, None] / decay

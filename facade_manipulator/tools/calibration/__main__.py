@@ -19,12 +19,14 @@ from facade_manipulator.parameters import ParameterSource
 from facade_manipulator.prediction.estimate import EstimateSettings
 from facade_manipulator.tools.calibration import estimator_fit, geometry_fit
 from facade_manipulator.tools.calibration.csv_reader import read_table
-from facade_manipulator.tools.calibration.geometry_fit import AXES, in_units, UNITS
-from facade_manipulator.tools.calibration.recording import (
-    HEAD_ON_WALL,
-    read_estimator_recording,
+from facade_manipulator.tools.calibration.geometry_fit import (
+    HEAD_AXES,
+    HEAD_UNITS,
+    in_units,
 )
+from facade_manipulator.tools.calibration.recording import read_estimator_recording
 from facade_manipulator.tools.parameter_files import announce, read_machine
+from facade_manipulator.topics import HEAD_ON_WALL
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -54,7 +56,7 @@ def plan_poses(options: argparse.Namespace) -> Iterator[str]:
 def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
     """Yield the geometric errors of the machine and the lines of the parameter file."""
     drawing = _geometry(options)
-    table = read_table(options.table, AXIS_NAMES, AXES)
+    table = read_table(options.table, AXIS_NAMES, HEAD_AXES)
     measurements = geometry_fit.Measurements(table[:, :3], table[:, 3:])
     noise = np.take(options.noise, [0, 0, 1]) * [1e-3, 1e-3, math.radians(1.0)]
     found = geometry_fit.fit_geometry(drawing, measurements, noise, options.frame)
@@ -62,7 +64,7 @@ def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
     for k, value, deviation in zip(
         found.sought, found.values, found.deviations, strict=True
     ):
-        name, _, unit = geometry_fit.ERRORS[k]
+        name, _, unit = geometry_fit.GEOMETRY_ERRORS[k]
         yield _line(name, value, deviation, unit)
     for combination in found.unidentified:
         yield f'The poses do not determine {combination}.'
@@ -98,7 +100,7 @@ def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
         estimator_fit.SOUGHT,
         (*mounting, delay),
         found.deviations,
-        (*UNITS, ('ms', 1e3)),
+        (*HEAD_UNITS, ('ms', 1e3)),
         strict=True,
     ):
         yield _line(name, value, deviation, unit)
@@ -185,9 +187,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     mounting.add_argument(
         '--head',
-        default=HEAD_ON_WALL,
+        default=HEAD_ON_WALL.name,
         metavar='TOPIC',
-        help=f'pose of the head on the wall (default {HEAD_ON_WALL})',
+        help=f'pose of the head on the wall (default {HEAD_ON_WALL.name})',
     )
     mounting.add_argument('--namespace', default='', help='namespace of the nodes')
     return parser

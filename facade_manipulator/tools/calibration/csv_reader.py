@@ -11,7 +11,7 @@ import numpy as np
 
 from facade_manipulator.errors import CalibrationError
 
-UNITS = {'': 1.0, '_m': 1.0, '_mm': 1e-3, '_rad': 1.0, '_deg': np.pi / 180.0}
+UNIT_SUFFIXES = {'': 1.0, '_m': 1.0, '_mm': 1e-3, '_rad': 1.0, '_deg': np.pi / 180.0}
 
 
 def read_table(
@@ -74,7 +74,7 @@ def _columns(
     names = (*required, *optional)
     possible = {}
     for column, name in enumerate(names):
-        for unit, factor in UNITS.items():
+        for unit, factor in UNIT_SUFFIXES.items():
             possible[name + unit] = (column, factor)
 
     titles = [title for title in header if not title.startswith(('goal', 'note'))]
@@ -90,6 +90,6 @@ def _columns(
         raise CalibrationError(
             f'{path} rejected: column {(unknown + wrong)[0]} is '
             f'{"unknown" if unknown else "missing or double"}; next: use {", ".join(names)} with '
-            f'one of the units {", ".join(filter(None, UNITS))}, and note_… for a remark'
+            f'one of the units {", ".join(filter(None, UNIT_SUFFIXES))}, and note_… for a remark'
         )
     return {title: possible[title] for title in read}

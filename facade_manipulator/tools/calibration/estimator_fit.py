@@ -22,9 +22,9 @@ from facade_manipulator.tools.calibration.geometry_fit import head_poses, in_uni
 
 SOUGHT = 'x of the mounting', 'y of the mounting', 'yaw of the mounting', 'delay'
 # Required standard deviations [m, m, rad, s]: at 1° of yaw 0.02 m of lever arm are 0.35 mm.
-NEEDED = np.array([0.02, 0.02, 0.005, 0.01])
+NEEDED_DEVIATIONS = np.array([0.02, 0.02, 0.005, 0.01])
 # The next parameters: delay of the instrument; pose, drift and bend of its frame.
-SCALES = np.append(NEEDED, np.full(10, 0.01))
+SCALES = np.append(NEEDED_DEVIATIONS, np.full(10, 0.01))
 # places of the parameters
 DELAY = 3
 LATE = 4
@@ -115,7 +115,9 @@ def fit_estimator(
     # correlated samples counts as one.
     basis, _ = np.linalg.qr(jacobian[:, LATE:])
     rates = jacobian[:, :LATE] - basis @ (basis.T @ jacobian[:, :LATE])
-    inliers = np.clip(misses(scaled) / noise, -robust.INLIER, robust.INLIER)
+    inliers = np.clip(
+        misses(scaled) / noise, -robust.INLIER_RESIDUAL, robust.INLIER_RESIDUAL
+    )
     rates /= np.sqrt(max(map(correlated_samples, inliers.T)))
     if blind := robust.unidentified(rates, np.ones(LATE), SOUGHT):
         raise CalibrationError(
@@ -125,7 +127,7 @@ def fit_estimator(
 
     found = (scaled * SCALES).tolist()
     settings = replace(present, mounting=tuple(found[:DELAY]), delay=found[DELAY])
-    deviations = np.sqrt(np.diag(np.linalg.inv(rates.T @ rates))) * NEEDED
+    deviations = np.sqrt(np.diag(np.linalg.inv(rates.T @ rates))) * NEEDED_DEVIATIONS
     return EstimatorFit(settings, deviations, found[LATE], noise)
 
 

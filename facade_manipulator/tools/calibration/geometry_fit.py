@@ -28,41 +28,42 @@ from facade_manipulator.kinematics import (
 )
 from facade_manipulator.tools.calibration import robust
 
-AXES = ('x', 'y', 'theta')  # of the head
+HEAD_AXES = ('x', 'y', 'theta')  # of the head
 # units of the report, with their factor from SI
-MM = ('mm', 1e3)
-DEG = ('deg', 180.0 / np.pi)
-UNITS = MM, MM, DEG  # of the head
+IN_MM = ('mm', 1e3)
+IN_DEG = ('deg', 180.0 / np.pi)
+HEAD_UNITS = IN_MM, IN_MM, IN_DEG  # of the head
 # share of its tolerance: an error measured worse than this adds little to the drawing
-NEEDED = 0.5
+NEEDED_SHARE = 0.5
 # maximum share of rows that contradict; more mean another machine, unit or frame
 MOST_OUTLIERS = 0.25
 MOST_SCATTER = 5.0  # times the stated noise
 MOST_HEAD_DEVIATION = 5.0  # times the stated noise, anywhere in the workspace
 HELD_OUT_EVERY = 4  # rows
-STEP = 1e-4  # of a tolerance, for differences
-MARGIN = 0.004  # m, distance from stroke and gap, whose true values are unknown before calibration
-MIN_CONDITIONING = 0.1  # of the poses to measure at
+DIFFERENCE_STEP = 1e-4  # of a tolerance, for differences
+# m, distance from stroke and gap, whose true values are unknown before calibration
+MEASUREMENT_MARGIN = 0.004
+MIN_POSE_CONDITIONING = 0.1  # of the poses to measure at
 
 
 # Description of each error, its manufacturing standard deviation [m, rad], unit of the report.
-ERRORS = (
-    ('length of link 1', 2e-3, MM),
-    ('length of link 2', 2e-3, MM),
-    ('platform from B1 to P', 2e-3, MM),
-    ('platform from P to B2', 2e-3, MM),
-    ('offset of carriage q1', 5e-3, MM),
-    ('offset of carriage q2', 5e-3, MM),
-    ('offset of carriage q3', 5e-3, MM),
-    ('angle of the rail', 0.02, DEG),
-    ('x of the head on the platform', 5e-3, MM),
-    ('y of the head on the platform', 5e-3, MM),
-    ('angle of the head on the platform', 0.02, DEG),
-    ("x of the rail in the instrument's frame", 1.0, MM),
-    ("y of the rail in the instrument's frame", 1.0, MM),
-    ("angle of the rail in the instrument's frame", 1.0, DEG),
+GEOMETRY_ERRORS = (
+    ('length of link 1', 2e-3, IN_MM),
+    ('length of link 2', 2e-3, IN_MM),
+    ('platform from B1 to P', 2e-3, IN_MM),
+    ('platform from P to B2', 2e-3, IN_MM),
+    ('offset of carriage q1', 5e-3, IN_MM),
+    ('offset of carriage q2', 5e-3, IN_MM),
+    ('offset of carriage q3', 5e-3, IN_MM),
+    ('angle of the rail', 0.02, IN_DEG),
+    ('x of the head on the platform', 5e-3, IN_MM),
+    ('y of the head on the platform', 5e-3, IN_MM),
+    ('angle of the head on the platform', 0.02, IN_DEG),
+    ("x of the rail in the instrument's frame", 1.0, IN_MM),
+    ("y of the rail in the instrument's frame", 1.0, IN_MM),
+    ("angle of the rail in the instrument's frame", 1.0, IN_DEG),
 )
-TOLERANCES = np.array([tolerance for _, tolerance, _ in ERRORS])
+TOLERANCES = np.array([tolerance for _, tolerance, _ in GEOMETRY_ERRORS])
 IN_RAIL = list(range(11))
 # The frame of the instrument replaces the two errors that move all heads in the same way.
 IN_ANY_FRAME = [0, 1, 2, 3, 4, 5, 8, 9, 10, 11, 12, 13]
@@ -85,7 +86,7 @@ class GeometryFit(NamedTuple):
 
     geometry: Geometry
     frame: Pose  #: pose of the rail in the instrument's frame [m, m, rad]
-    sought: list[int]  #: indices in `ERRORS` of the fitted errors
+    sought: list[int]  #: indices in `GEOMETRY_ERRORS` of the fitted errors
     values: np.ndarray  #: values of these errors [m, rad]
     deviations: np.ndarray  #: their standard deviations [m, rad]
     residuals: np.ndarray  #: measured minus expected heads, shape (n, 3) [m, m, rad]
@@ -97,7 +98,7 @@ class GeometryFit(NamedTuple):
 
 
 def machine(geometry: Geometry, values: np.ndarray) -> tuple[Geometry, Pose]:
-    """Return a geometry with the values of `ERRORS`, and the rail in the instrument's frame."""
+    """Return a geometry with values of `GEOMETRY_ERRORS`, and the rail in the instrument frame."""
     link1, link2, half1, half2, q1, q2, q3, angle, *poses = values.tolist()
     changed = replace(
         geometry,
@@ -190,8 +191,8 @@ def fit_geometry(
     covariance = np.linalg.inv(rates.T @ rates + np.eye(len(sought)))
     in_workspace = partial(expected, carriages=permitted_carriages(drawing))
     head_deviation = _greatest_deviation(in_workspace, scaled, covariance)
-    names = [ERRORS[k][0] for k in sought]
-    blind = robust.unidentified(rates, np.full(len(names), NEEDED), names)
+    names = [GEOMETRY_ERRORS[k][0] for k in sought]
+    blind = robust.unidentified(rates, np.full(len(names), NEEDED_SHARE), names)
     if (head_deviation > MOST_HEAD_DEVIATION * noise)[used.any(axis=0)].any():
         raise CalibrationError(
             'table rejected: somewhere in the workspace the head is known only to '
@@ -234,13 +235,13 @@ def _greatest_deviation(
 ) -> np.ndarray:
     """Return the maximum standard deviation of expected heads, shape (3,) [m, m, rad]."""
     differences = []
-    for step in STEP * np.eye(len(scaled)):
+    for step in DIFFERENCE_STEP * np.eye(len(scaled)):
         ahead = expected(scaled + step)
         behind = expected(scaled - step)
         differences.append(head_differences(ahead, behind))
 
     # The rates J of a head give its variances, the diagonal of J C Jᵀ.
-    rates = np.array(differences) / (2.0 * STEP)
+    rates = np.array(differences) / (2.0 * DIFFERENCE_STEP)
     variances = np.einsum('mni,mk,kni->ni', rates, covariance, rates)
     return np.sqrt(np.nanmax(variances, axis=0))
 
@@ -263,9 +264,9 @@ def _fit_rows(
 
     scaled, jacobian = robust.fit(residuals, np.zeros(count), 'soft_l1')
     for _ in range(3):  # a wrong row no longer shifts the others after it is left out
-        remain = np.nan_to_num(misses(scaled), nan=robust.FAR) * measured
+        remain = np.nan_to_num(misses(scaled), nan=robust.FAR_RESIDUAL) * measured
         scatter = robust.deviation(remain[measured]).clip(1.0, MOST_SCATTER)
-        outliers = (np.abs(remain) > robust.OUTLIER * scatter).any(axis=1)
+        outliers = (np.abs(remain) > robust.OUTLIER_RESIDUAL * scatter).any(axis=1)
         if outliers.sum() > MOST_OUTLIERS * len(outliers):
             raise CalibrationError(
                 f'table rejected: {outliers.sum()} of {len(outliers)} rows contradict the others; '
@@ -279,7 +280,7 @@ def _fit_rows(
 def in_units(pose: np.ndarray) -> str:
     """Return the finite values among x, y and θ [m, m, rad] in mm and degrees."""
     finite = []
-    for axis, value, (unit, factor) in zip(AXES, pose, UNITS, strict=True):
+    for axis, value, (unit, factor) in zip(HEAD_AXES, pose, HEAD_UNITS, strict=True):
         if np.isfinite(value):
             finite.append(f'{axis} {value * factor:.3f} {unit}')
     return ', '.join(finite) if finite else 'the links do not close'
@@ -311,8 +312,8 @@ def held_out_errors(
 def permitted_carriages(geometry: Geometry) -> np.ndarray:
     """Return carriage positions on a grid of the permitted workspace, shape (n, 3) [m]."""
     least, greatest = geometry.stroke
-    stroke = (least + MARGIN, greatest - MARGIN)
-    gap = geometry.carriage_gap + MARGIN
+    stroke = (least + MEASUREMENT_MARGIN, greatest - MEASUREMENT_MARGIN)
+    gap = geometry.carriage_gap + MEASUREMENT_MARGIN
     inner = Mechanism(replace(geometry, stroke=stroke, carriage_gap=gap))
 
     found = []
@@ -320,7 +321,7 @@ def permitted_carriages(geometry: Geometry) -> np.ndarray:
     ys = np.linspace(0.05, 1.0, 14) * geometry.link_length
     for pose in product(xs, ys, np.linspace(-0.3, 0.3, 9)):
         try:
-            found.append(inner.certify(Pose(*pose), MIN_CONDITIONING))
+            found.append(inner.certify(Pose(*pose), MIN_POSE_CONDITIONING))
         except LimitError:
             continue
     return np.array(found)

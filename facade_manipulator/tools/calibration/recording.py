@@ -12,12 +12,11 @@ from facade_manipulator.errors import CalibrationError, InputError
 from facade_manipulator.kinematics import Carriages, Pose
 from facade_manipulator.nodes import planar_messages
 from facade_manipulator.tools.calibration.estimator_fit import EstimatorRecording
-
-HEAD_ON_WALL = 'head_on_wall'
+from facade_manipulator.topics import HEAD_ON_WALL
 
 
 def read_estimator_recording(
-    path: Path, head: str = HEAD_ON_WALL, namespace: str = ''
+    path: Path, head: str = HEAD_ON_WALL.name, namespace: str = ''
 ) -> EstimatorRecording:
     """
     Return the disturbance, the carriages and the head on the wall from a recording [m, m, rad].

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-INLIER = 2.5  # standard deviations, up to which the loss is nearly quadratic
-OUTLIER = 4.5  # standard deviations
-FAR = 1e6  # standard deviations, value of a residual that cannot be evaluated
+INLIER_RESIDUAL = 2.5  # standard deviations, up to which the loss is nearly quadratic
+OUTLIER_RESIDUAL = 4.5  # standard deviations
+FAR_RESIDUAL = 1e6  # standard deviations, value of a residual that cannot be evaluated
 LEAST_SHARE = 0.3  # of a parameter in the unit vector of a combination
 
 
@@ -38,10 +38,10 @@ def fit(
     from scipy.optimize import least_squares
 
     def finite(parameters: np.ndarray) -> np.ndarray:
-        return np.nan_to_num(residuals(parameters), nan=FAR)
+        return np.nan_to_num(residuals(parameters), nan=FAR_RESIDUAL)
 
     found = least_squares(
-        finite, start, loss=loss, f_scale=INLIER, diff_step=1e-4, xtol=1e-10
+        finite, start, loss=loss, f_scale=INLIER_RESIDUAL, diff_step=1e-4, xtol=1e-10
     )
     return found.x, found.jac
 

@@ -96,7 +96,7 @@ LSS_TIMEOUT: dict[str, dict[str, Any]] = {
         'help': 'timeout [s] (default 0.1)',
     }
 }
-COMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]] = {
+SUBCOMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]]]] = {
     'scan': (drive_ids.run_scan, LSS_TIMEOUT),
     'assign': (
         drive_ids.run_assign,
@@ -191,7 +191,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.set_defaults(run=run_status, parameters=None, yes=False, alone=False)
     commands = parser.add_subparsers(metavar='COMMAND')
-    for name, (run, added) in COMMANDS.items():
+    for name, (run, added) in SUBCOMMANDS.items():
         text = str(run.__doc__)
         command = commands.add_parser(
             name, help=text, description=text, parents=[_common()]

@@ -9,12 +9,13 @@ import numpy as np
 from facade_manipulator.canopen import indices
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import AxisSnapshot
+from facade_manipulator.drives.states import DigitalInput
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
+from facade_manipulator.kinematics.planar import MM
 from facade_manipulator.tools.commissioning.low_speed_motion import Motion, powered
 from facade_manipulator.tools.commissioning.procedure import Context
 
-HOME_SWITCH = 0x4  # bit in 60FDh
 _APPROACH = 5e-4  # m/s, speed towards the switch
 _RETREAT = 1e-3  # m, travel back from it
 _WIDE_SPREAD = 2e-4  # m; every tenth SYNC reports the inputs, 0.05 mm apart
@@ -24,10 +25,9 @@ _LAG_SPEEDS = (0.01, 0.04)  # m/s
 _LAG_TRAVEL = 0.02  # m
 _DELAY = 2  # cycles from the choice of a target to the SYNC at which the drive should reach it
 _ALIKE = 0.002  # s, maximum difference of the lag of an axis
-_MM = 1e3
 _MS = 1e3
 # homing methods that search for the home switch, by their initial direction
-_METHODS = {1: (23, 24, 7, 8), -1: (27, 28, 11, 12)}
+_HOME_SWITCH_METHODS = {1: (23, 24, 7, 8), -1: (27, 28, 11, 12)}
 
 
 def run_direction(context: Context) -> None:
@@ -54,7 +54,7 @@ def run_direction(context: Context) -> None:
         )
         if not bus.wait_for(lambda: abs(pushed()) >= needed, _PATIENCE):
             raise CommissioningError(
-                f'{name} did not move by {_MM * _PUSHED:g} mm within '
+                f'{name} did not move by {MM * _PUSHED:g} mm within '
                 f'{_PATIENCE:g} s; next: check this carriage and its encoder'
             )
         first = pushed()
@@ -79,11 +79,11 @@ def _move(context: Context, distance: float) -> float:
     """Move by a distance [m]; return and print the displacement by the encoder [m]."""
     name = context.options.axis
     speed = context.options.speed
-    with powered(context, f'by {_MM * distance:+g} mm', abs(distance), speed) as motion:
+    with powered(context, f'by {MM * distance:+g} mm', abs(distance), speed) as motion:
         for _ in motion.go(math.copysign(speed, distance)):
             pass
         went = motion.rest()[name].position or 0.0
-    print(f'{name} moved {_MM * went:+.2f} mm by its encoder.')
+    print(f'{name} moved {MM * went:+.2f} mm by its encoder.')
     return went
 
 
@@ -94,7 +94,7 @@ def run_lead(context: Context) -> None:
     print(
         f'Mark the place of carriage {name}. The lead is written to {context.overlay.path}.'
     )
-    went = _MM * _move(context, context.options.travel)
+    went = MM * _move(context, context.options.travel)
     text = context.options.measured or context.ask(
         'How many mm by the ruler (to the left: negative)?', '--measured'
     )
@@ -107,7 +107,7 @@ def run_lead(context: Context) -> None:
             f'{text} mm rejected: its ratio to {went:.2f} mm is not between 0.05 and 20; next: '
             f'measure again, or commission direction {name} if the carriage moved the other way'
         )
-    print(f'{name}: lead {_MM * lead * ratio:.3f} mm (was {_MM * lead:g} mm)')
+    print(f'{name}: lead {MM * lead * ratio:.3f} mm (was {MM * lead:g} mm)')
     context.record(f'lead {name}', {f'{name}.lead': round(lead * ratio, 6)})
 
 
@@ -136,16 +136,18 @@ def run_home_switch(context: Context) -> None:
             edges.append(_find_edge(motion, name, side * min(speed, _APPROACH), True))
     spread = max(edges) - min(edges)
     print(
-        f'{name}: edge at {_MM * sum(edges) / count:+.2f} mm from the start, {count} approaches '
-        f'spread over {_MM * spread:.3f} mm'
+        f'{name}: edge at {MM * sum(edges) / count:+.2f} mm from the start, {count} approaches '
+        f'spread over {MM * spread:.3f} mm'
     )
     if spread > _WIDE_SPREAD:
         print(
-            f'! {name}: the spread is above {_MM * _WIDE_SPREAD:g} mm; next: clean, adjust or '
+            f'! {name}: the spread is above {MM * _WIDE_SPREAD:g} mm; next: clean, adjust or '
             'replace the switch'
         )
     known = load_profile(axis.profile).homing_methods
-    methods = [one for one in _METHODS[side * axis.direction] if one in known]
+    methods = [
+        one for one in _HOME_SWITCH_METHODS[side * axis.direction] if one in known
+    ]
     if not methods:
         raise CommissioningError(
             f'profile {axis.profile} rejected: it has no homing method for '
@@ -160,7 +162,7 @@ def _deviations(axes: dict[str, AxisSnapshot]) -> list[float]:
 
 
 def _is_on(axis: AxisSnapshot) -> bool:
-    return bool((axis.digital_inputs or 0) & HOME_SWITCH)
+    return bool((axis.digital_inputs or 0) & DigitalInput.HOME_SWITCH)
 
 
 def _find_edge(
@@ -176,7 +178,7 @@ def _find_edge(
             motion.rest()
             return edge
     raise CommissioningError(
-        f'no change of the home switch within {_MM * motion.window:.0f} mm; next: jog nearer, '
+        f'no change of the home switch within {MM * motion.window:.0f} mm; next: jog nearer, '
         'change --towards, or check its cable and 60FDh in the pdos of the profile'
     )
 
@@ -186,7 +188,7 @@ def run_lag(context: Context) -> None:
     errors = []
     with powered(
         context,
-        f'forth and back by {_MM * _LAG_TRAVEL:g} mm',
+        f'forth and back by {MM * _LAG_TRAVEL:g} mm',
         _LAG_TRAVEL,
         max(_LAG_SPEEDS),
     ) as motion:

@@ -28,11 +28,11 @@ from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.package_files import atomic_write
 from facade_manipulator.tools.commissioning.procedure import Context
 
-TYPE = ((indices.IDENTITY, 1), (indices.IDENTITY, 2))
-IDENTITY = (*TYPE, (indices.IDENTITY, 3), (indices.IDENTITY, 4))
+TYPE_ENTRIES = ((indices.IDENTITY, 1), (indices.IDENTITY, 2))
+IDENTITY_ENTRIES = (*TYPE_ENTRIES, (indices.IDENTITY, 3), (indices.IDENTITY, 4))
 _CYCLIC_POSITION = 1 << 7  # in 6502h
 # writable, but not settings
-_COMMANDS = {
+_NOT_SETTINGS = {
     indices.ERROR_FIELD,
     indices.STORE_PARAMETERS,
     indices.RESTORE_PARAMETERS,
@@ -135,8 +135,10 @@ def read_values(drive: SdoChannel, objects: Objects) -> Steps[dict[Key, Any]]:
     """Return identity and settings of a drive; sizes of numbers may differ from the EDS."""
     values = {}
     for key, variable in objects.items():
-        is_setting = variable.readable and variable.writable and key[0] not in _COMMANDS
-        if key in IDENTITY or is_setting:
+        is_setting = (
+            variable.readable and variable.writable and key[0] not in _NOT_SETTINGS
+        )
+        if key in IDENTITY_ENTRIES or is_setting:
             with suppress(
                 SdoAbortError, ObjectDictionaryError
             ):  # absent, or of another type
@@ -159,7 +161,9 @@ def run_restore(context: Context) -> None:
     with context.drive(name) as (bus, drive):
         present = bus.run(read_values(drive, objects))
         if any(
-            objects[key].value != present.get(key) for key in TYPE if key in objects
+            objects[key].value != present.get(key)
+            for key in TYPE_ENTRIES
+            if key in objects
         ):
             raise CommissioningError(
                 f'{path} rejected: it is not a DCF of such a drive (1018h); '

@@ -24,23 +24,23 @@ from facade_manipulator.drives.snapshot import AxisSnapshot
 from facade_manipulator.drives.targets import ROUNDING
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
+from facade_manipulator.kinematics.planar import MM
 from facade_manipulator.tools.commissioning.procedure import Context
 
-ACCELERATION = 1.0  # m/s²
+RAMP_ACCELERATION = 1.0  # m/s²
 # Hz, rate of the cycles: maximum rate of the snapshots of the controller
 _MOST_RATE = 100
 # a blocked carriage stops
 _FOLLOWING_ERROR = 0.003  # m
 _FOLLOWING_TIME = 0.04  # s, of the speed
 _MISSED_CYCLES = 10  # this process has no real-time priority: ignore delays of 0.1 s
-_MM = 1e3
 
 
 class _Ramp:
     """
     Targets with the same displacement of all moved axes from their start [m].
 
-    The speed approaches the goal [m/s] with `ACCELERATION`, and 0 at the limits of the window.
+    The speed approaches the goal [m/s] with `RAMP_ACCELERATION`, and 0 at the window's limits.
     """
 
     def __init__(self, moved: tuple[bool, ...], window: float, period: float) -> None:
@@ -78,14 +78,14 @@ class _Ramp:
     def sample(self, reach_time: float) -> PerCarriage:
         """Return the positions one cycle later [m]."""
         self._before = self.displacement, self.speed
-        slack = ACCELERATION * self._period
+        slack = RAMP_ACCELERATION * self._period
         direction = math.copysign(1.0, self.goal)
         room = (
             self._window
             - direction * self.displacement
             - abs(self.speed) * self._period
         )
-        fastest = math.sqrt(2.0 * ACCELERATION * max(0.0, room))
+        fastest = math.sqrt(2.0 * RAMP_ACCELERATION * max(0.0, room))
         change = direction * min(abs(self.goal), fastest) - self.speed
         self.speed += min(max(change, -slack), slack)
         target = self.displacement + self.speed * self._period
@@ -187,7 +187,7 @@ def _narrowed(axis: AxisSettings, window: float, speed: float) -> AxisSettings:
         upper_limit=window,
         homing_strokes=100.0,
         max_speed=2.0 * speed,
-        max_acceleration=max(axis.max_acceleration, ACCELERATION),
+        max_acceleration=max(axis.max_acceleration, RAMP_ACCELERATION),
         following_error_window=min(
             axis.following_error_window, _FOLLOWING_ERROR + _FOLLOWING_TIME * speed
         ),
@@ -212,7 +212,7 @@ def powered(
     moved = [context.options.axis] if context.options.alone else [*AXIS_NAMES]
     context.agree(
         f'The three drives are reset and powered, and {", ".join(moved)} moved {action}, at most '
-        f'{_MM * speed:g} mm/s and {_MM * window:.0f} mm from their present positions. Keep '
+        f'{MM * speed:g} mm/s and {MM * window:.0f} mm from their present positions. Keep '
         'clear, with the emergency stop in your hand.'
     )
     motion = Motion(context, moved, window, speed)

@@ -21,17 +21,18 @@ from facade_manipulator.drives.states import AxisCommand, Controlword, Mode, Sta
 from facade_manipulator.drives.stopping_distances import SCATTER
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
+from facade_manipulator.kinematics.planar import MM
 from facade_manipulator.tools.commissioning.braking_curve import (
     Deceleration,
     fit_deceleration,
 )
 from facade_manipulator.tools.commissioning.low_speed_motion import (
-    ACCELERATION,
     Motion,
     powered,
+    RAMP_ACCELERATION,
 )
 from facade_manipulator.tools.commissioning.procedure import Context
-from facade_manipulator.tools.stopping import COASTING
+from facade_manipulator.tools.stopping import COASTING_DECELERATION
 
 QUICK_STOP = 'quick stop'
 SILENT_MASTER = 'silent master'
@@ -41,7 +42,9 @@ REMEDIES = {
     SILENT_MASTER: 'check 1016h and 6007h',
     POWER_OFF: 'give the deceleration below to stopping',
 }
-SILENCE = 1.0  # s without frames of the master, after which every drive must be at rest
+MASTER_SILENCE = (
+    1.0  # s without frames of the master, after which every drive must be at rest
+)
 _STEADY = 5  # cycles at the speed before the stop
 _CYCLES = 3  # cycles from a command to the SYNC after its first effective SYNC
 _HEARTBEATS = 1.2  # of the heartbeat time: each drive counts 1016h in its own ticks
@@ -51,7 +54,6 @@ _LEAST_COASTING = 0.01  # m/s², with two decimals: `stopping` rejects 0.00
 _STANDING = 10  # cycles
 _STANDSTILL = 5e-5  # m, maximum travel in them
 _LONGEST = 5.0  # s
-_MM = 1e3
 
 
 class Track(NamedTuple):
@@ -77,7 +79,7 @@ def run_stop_test(context: Context) -> None:
     """Measure each kind of stop; fail if it is weaker than the stopping analysis assumes."""
     speed = context.options.speed
     # acceleration, deceleration with or without power, and a steady time
-    window = speed * (speed / ACCELERATION + speed / COASTING + 0.1)
+    window = speed * (speed / RAMP_ACCELERATION + speed / COASTING_DECELERATION + 0.1)
     problems = []
     coasting = math.inf
     for direction, way in zip((1, -1, 1), REMEDIES, strict=True):
@@ -91,7 +93,7 @@ def run_stop_test(context: Context) -> None:
             name = AXIS_NAMES[number]
             distance = track.distances[number]
             shown = (
-                f'{name}: {way}, {_MM * distance:.1f} of {_MM * bounds[number]:.1f} mm'
+                f'{name}: {way}, {MM * distance:.1f} of {MM * bounds[number]:.1f} mm'
             )
             is_late = distance > bounds[number]
             if is_late or (track.follows[number] and way == SILENT_MASTER):
@@ -188,7 +190,7 @@ def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
                 )  # the last command before the SYNC counts
     else:
         exchange.bus.stop_sync()  # as the kernel does when the process ends
-        controller.clock.sleep(SILENCE)
+        controller.clock.sleep(MASTER_SILENCE)
         if exchange.bus.has_kernel_sync:
             exchange.bus.start_sync(motion.period)
     return motion.turn()
@@ -202,7 +204,7 @@ def _bounds(motion: Motion, track: Track, way: str) -> np.ndarray:
     delay = settings.drive_lag + _CYCLES * motion.period + silence
     assumed = np.array(
         [
-            (1.0 - SCATTER) * COASTING
+            (1.0 - SCATTER) * COASTING_DECELERATION
             if way == POWER_OFF
             else axis.settings.stop_deceleration
             for axis in controller.axes

@@ -7,7 +7,7 @@ import pytest
 
 from facade_manipulator.canopen import cob_ids
 from facade_manipulator.tools import stopping
-from facade_manipulator.tools.commissioning.stop_test import SILENCE
+from facade_manipulator.tools.commissioning.stop_test import MASTER_SILENCE
 
 pytestmark = pytest.mark.long
 
@@ -109,7 +109,7 @@ def test_silent_master_stops_the_kernel_sync(rig):
     rig.nodes.append(listen)
     assert rig.run('stop-test') == 0
     # the pauses between the three motions are shorter
-    assert max(np.diff(times)) == pytest.approx(SILENCE, abs=0.02)
+    assert max(np.diff(times)) == pytest.approx(MASTER_SILENCE, abs=0.02)
 
 
 def test_stop_test_asks_only_once(rig):
