@@ -25,7 +25,7 @@ from facade_manipulator.canopen.bus import CanBus, Frame
 UNCONFIGURED = 255  # node id of a node without a node id
 STORING_TIME = 3.0  # s; CiA 305 has no limit; drives needed more than 0.3 s
 _CONFIRMING_TIME = 0.5  # s, for the answer to a command that is not part of a scan
-_PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
+REQUEST_PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
 _SCAN_ATTEMPTS = 2  # questions of fastscan before silence is an answer
 _LATENCY_MARGIN = 1.5  # of the slowest answer, for which late answers are awaited
 _FRAME_LENGTH = 8
@@ -95,7 +95,7 @@ class LssTransport:
         command = data[0]
         is_scan = command == lss.CS_FAST_SCAN
         is_first_scan = is_scan and self._slowest is None
-        self._bus.wait(_PACE)
+        self._bus.wait(REQUEST_PACE)
         self._master.responses.queue.clear()
         self._expected = _ANSWERS.get(command, command)
         self._asked_at = self._bus.monotonic()

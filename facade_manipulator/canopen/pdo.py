@@ -73,9 +73,9 @@ class Pdo:
         The condition of a drive is sent at 10 Hz. The bus has no room for its velocity in every
         cycle faster than 200 Hz; it is then sent at 50 Hz.
         """
-        if not self.is_transmitted or not STATUS.isdisjoint(self.indices):
+        if not self.is_transmitted or not STATUS_OBJECTS.isdisjoint(self.indices):
             return 1
-        if MOTION.isdisjoint(self.indices):
+        if MOTION_OBJECTS.isdisjoint(self.indices):
             return ceil(rate / 10)
         return 1 if rate <= HIGHEST_FULL_RATE else ceil(rate / 50)
 
@@ -155,9 +155,9 @@ TPDO3 = Pdo(
 )
 
 PDO_MAP = (RPDO1, TPDO1, TPDO2, TPDO3)
-COMMANDS = frozenset(RPDO1.indices)
-STATUS = frozenset(TPDO1.indices)
-MOTION = frozenset(TPDO2.indices)
+COMMAND_OBJECTS = frozenset(RPDO1.indices)
+STATUS_OBJECTS = frozenset(TPDO1.indices)
+MOTION_OBJECTS = frozenset(TPDO2.indices)
 KNOWN_OBJECTS = {
     item.index: item
     for item in (*RPDO1.content, *TPDO1.content, *TPDO2.content, *TPDO3.content)

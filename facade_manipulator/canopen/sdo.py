@@ -93,7 +93,7 @@ def is_write(request: bytes) -> bool:
 # server command specifiers, bits 7 to 5 of the first byte of an answer (CiA 301)
 _UPLOADED_SEGMENT, _DOWNLOADED_SEGMENT, _UPLOAD, _DOWNLOAD, _ABORT = range(5)
 # the bits of the first byte that are not reserved
-_USED_BITS = {
+_USED_COMMAND_BITS = {
     _UPLOADED_SEGMENT: 0xFF,
     _DOWNLOADED_SEGMENT: 0xF0,
     _UPLOAD: 0xEF,
@@ -129,7 +129,7 @@ def complete_answer(data: bytes, size: int = 4) -> bytes | None:
         used = 4
     if len(data) < min(used, SDO_FRAME_LENGTH):
         return None
-    first &= _USED_BITS.get(specifier, 0xFF)
+    first &= _USED_COMMAND_BITS.get(specifier, 0xFF)
     return (bytes([first]) + data[1:]).ljust(SDO_FRAME_LENGTH, b'\0')
 
 

@@ -42,7 +42,7 @@ from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.timeouts import CLOSE_REQUEST_TIMEOUT, END_TIMEOUT
 
 IDLE_WAIT = 0.05  # s without a bus; maximum delay of a signal
-NEWEST = 8  # messages of the stream that a turn handles
+MOST_STREAM_MESSAGES = 8  # messages of the stream that a turn handles
 READING_SHARE = 0.1  # of the period: a flood of the stream delays the step by less
 SETUP_TIMEOUT = 10.0  # s, that the node has for sending the setup
 HANG_TIMEOUT = 5.0  # s of one turn, after which the kernel ends the process
@@ -175,7 +175,7 @@ class ControlLoop:
             self._handle(*message)
         end = self._clock.monotonic() + READING_SHARE * self._setup.controller.period
         for message in self._channel.stream(
-            NEWEST, lambda: self._clock.monotonic() < end
+            MOST_STREAM_MESSAGES, lambda: self._clock.monotonic() < end
         ):
             self._handle(*message)
 

@@ -56,10 +56,12 @@ MOST_FEEDS = 100
 MOST_STATES = 200  # that wait: those of two seconds
 HUNG = -signal.SIGALRM  # exit status of a loop that the alarm of the kernel has ended
 FEED_PERIOD = 0.05  # s; halt is answered within 0.1 s
-STOP = 'the drives stop because its heartbeat is missing'
-POWER_OFF = 'the drives that it had configured have confirmed that their power is off'
+STOP_BY_HEARTBEAT = 'the drives stop because its heartbeat is missing'
+POWER_CONFIRMED_OFF = (
+    'the drives that it had configured have confirmed that their power is off'
+)
 LOST_REMEDY = 'read the cause in the log, then configure, home, activate'
-START = (  # the new interpreter imports from where this one does
+START_CODE = (  # the new interpreter imports from where this one does
     'import sys; sys.path[:] = sys.argv[3:]; '
     'from facade_manipulator.control_loop import control_loop; '
     'sys.exit(control_loop.main(*map(int, sys.argv[1:3])))'
@@ -77,7 +79,7 @@ def start_process(*ends: socket.socket) -> subprocess.Popen[bytes]:
     """
     numbers = [end.fileno() for end in ends]
     return subprocess.Popen(
-        [sys.executable, '-I', '-c', START, *map(str, numbers), *import_path()],
+        [sys.executable, '-I', '-c', START_CODE, *map(str, numbers), *import_path()],
         pass_fds=numbers,
         stdin=subprocess.DEVNULL,
         start_new_session=True,
@@ -200,7 +202,8 @@ class LoopClient:
             _end(self._process)  # its drives miss the master's heartbeat and stop
             self._lose(
                 f'the control loop has sent no state while it was fed '
-                f'{self._unanswered} times, above the limit {bound}, and was ended; {STOP}'
+                f'{self._unanswered} times, above the limit {bound}, and was ended; '
+                f'{STOP_BY_HEARTBEAT}'
             )
         elif time.monotonic() > self._close_due:
             self._end_closed(0.0)
@@ -234,7 +237,9 @@ class LoopClient:
         if self._is_lost or self._channel.send(kind, *content):
             return
         _end(self._process)
-        self._lose(f'the control loop has not read its messages, and was ended; {STOP}')
+        self._lose(
+            f'the control loop has not read its messages, and was ended; {STOP_BY_HEARTBEAT}'
+        )
 
     # --- from the loop
 
@@ -273,7 +278,7 @@ class LoopClient:
             end = 'has hung' if status == HUNG else 'has ended by itself'
             self._lose(
                 f'the control loop {end}, exit status {status}; '
-                f'{POWER_OFF if status == 0 else STOP}'
+                f'{POWER_CONFIRMED_OFF if status == 0 else STOP_BY_HEARTBEAT}'
             )
 
     def _handle(self, kind: str, content: tuple[Any, ...]) -> None:

@@ -33,12 +33,12 @@ from facade_manipulator.drives.profile import DriveProfile, quantities
 from facade_manipulator.drives.units import COUNTS, VELOCITY_UNITS
 from facade_manipulator.errors import DriveObjectError, ParameterError
 
-DEVICE_TYPE = 402
+DEVICE_PROFILE = 402
 Read = Callable[[int, int], Steps['int | None']]
 
 
 # masks of the bits that are not reserved, by index; a drive may set the others
-_USED_BITS = {
+_USED_VALUE_BITS = {
     indices.COB_ID_SYNC: sync.PRODUCER | cob_ids.EXTENDED_FRAME | cob_ids.COB_ID_BITS,
     indices.COB_ID_EMERGENCY: cob_ids.NOT_VALID
     | cob_ids.EXTENDED_FRAME
@@ -71,7 +71,7 @@ def drive_writes(
         value = item.value
         if isinstance(value, str):
             value = values[value]
-        compared = _USED_BITS.get(item.index, ALL_BITS)
+        compared = _USED_VALUE_BITS.get(item.index, ALL_BITS)
         write = Write(item.index, item.subindex, value)
         writes.append(write._replace(required=item.required, compared=compared))
 
@@ -272,9 +272,9 @@ def check_identity(
     where = drive.title
     device_type = yield from drive.read_number(indices.DEVICE_TYPE)
     kind = device_type & 0xFFFF
-    if kind != DEVICE_TYPE:
+    if kind != DEVICE_PROFILE:
         raise DriveObjectError(
-            f'{where}: device type {kind} is not {DEVICE_TYPE}: this is not a drive'
+            f'{where}: device type {kind} is not {DEVICE_PROFILE}: this is not a drive'
         )
     numbers: dict[str, int | None] = {}
     for subindex, name in (

@@ -57,7 +57,7 @@ OTHERS_DUE = 0.3  # after a late first answer: the other answers may follow
 MIN_GAP = 0.2  # from our commands to our next SYNC
 # of the time of a SYNC
 JITTER = 0.25  # a SYNC that is farther from its expected time sets a new one
-ROUNDING = 1e-6
+CYCLE_ROUNDING = 1e-6
 
 JITTER_SHARE = 0.05  # share of the jitter that moves the smoothed time
 SURPLUS_WINDOW = 1.0  # s, in which surplus SYNCs are counted
@@ -156,7 +156,7 @@ class KernelSync:
             return 0
         elapsed = self._received[-1] - self._received[0]
         following = len(self._received) - 1
-        return max(0, int(following - elapsed / self._period + ROUNDING))
+        return max(0, int(following - elapsed / self._period + CYCLE_ROUNDING))
 
     def _count(self, time: float) -> None:
         if self._received:  # an earlier time comes from a system clock that was set
@@ -197,7 +197,7 @@ class LoopSync:
         skipped = 0
         if self._newest is not None:
             periods = (time - self._newest) / self._period
-            skipped = max(0, int(periods + ROUNDING) - 1)
+            skipped = max(0, int(periods + CYCLE_ROUNDING) - 1)
         self._newest = time
         in_phase = self._next_sync + self._period
         self._next_sync = max(in_phase, time + COMMANDS_DUE * self._period)

@@ -130,7 +130,7 @@ class Group:
         self._require('home', self.state is GroupState.INACTIVE, is_settled=True)
         for axis in self.axes:
             axis.begin_homing(self._settings.period)
-        self._begin(plans.HOME, now)
+        self._begin(plans.HOME_AXES, now)
 
     def disable(self, now: float) -> None:
         """
@@ -193,7 +193,7 @@ class Group:
         if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:
             self._begin(plans.STOP_AND_CUT_POWER, now)
         elif self.state is not GroupState.STOPPED:
-            self._begin(plans.STOP, now)
+            self._begin(plans.STOP_AXES, now)
 
     def cut_power(self, now: float) -> None:
         """Cut the power when all carriages are at rest; the end state is stopped."""

@@ -24,8 +24,8 @@ from facade_manipulator.errors import CarriageGapError, LimitError
 from facade_manipulator.kinematics import Carriages, Geometry, Mechanism
 from facade_manipulator.kinematics.geometry import PerCarriage
 
-ROUNDING = 1e-6  # m
-FARTHEST = 50.0  # m, a stroke that limits no mechanism
+GEOMETRY_ROUNDING = 1e-6  # m
+UNLIMITED_STROKE = 50.0  # m, a stroke that limits no mechanism
 # of the search for a box in which the mechanism closes: sizes within the reach of a link and half
 # the platform, checked points of the border in a step, and along a side of the interior
 BOX_STEPS = 60
@@ -62,7 +62,10 @@ class MechanismCheck:
     """
 
     def __init__(
-        self, geometry: Geometry, tolerance: float = ROUNDING, margin: float = 0.0
+        self,
+        geometry: Geometry,
+        tolerance: float = GEOMETRY_ROUNDING,
+        margin: float = 0.0,
     ) -> None:
         low, high = geometry.stroke
         tolerant = replace(
@@ -146,7 +149,11 @@ class Guard:
         on_rail = self._on_rail(Carriages(*positions))
         for left, right in NEIGHBOURS:
             distance = on_rail[right] - on_rail[left]
-            if homed[left] and homed[right] and distance < self._gap - ROUNDING:
+            if (
+                homed[left]
+                and homed[right]
+                and distance < self._gap - GEOMETRY_ROUNDING
+            ):
                 raise CarriageGapError(
                     f'q{right + 1} - q{left + 1}',
                     distance,
@@ -191,8 +198,10 @@ def _closing_box(geometry: Geometry) -> tuple[float, float, float, float]:
     """
     endless = replace(
         geometry,
-        stroke=(-FARTHEST, FARTHEST),
-        carriage_gap=max(geometry.carriage_length, geometry.carriage_gap - ROUNDING),
+        stroke=(-UNLIMITED_STROKE, UNLIMITED_STROKE),
+        carriage_gap=max(
+            geometry.carriage_length, geometry.carriage_gap - GEOMETRY_ROUNDING
+        ),
     )
     check = Mechanism(endless).check
     first, second, third = Mechanism(geometry).on_rail(Carriages(0.0, 0.0, 0.0))

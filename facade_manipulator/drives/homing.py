@@ -17,6 +17,7 @@ from __future__ import annotations
 from math import ceil
 
 from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.drives.feedback import REST_SPEED
 from facade_manipulator.drives.states import Status
 
 _SUCCESS = Status.HOMING_ATTAINED | Status.TARGET_REACHED
@@ -24,7 +25,6 @@ _OUTCOME = _SUCCESS | Status.HOMING_ERROR
 SETTLING_CYCLES = 5
 STEADY_TIME = 0.2  # s, of a success that was not seen clear, since the start
 HOME_TOLERANCE = 2  # counts, where the drive takes the present position as home
-REST_SPEED = 0.002  # m/s, below which a carriage that has homed is at rest
 HOME_NOISE = 0.001  # m, where it looks for a switch or a stop
 METHODS_AT_PRESENT_POSITION = frozenset({35, 37})
 

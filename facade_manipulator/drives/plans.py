@@ -95,7 +95,7 @@ POWER_DOWN = (  # a drive may skip states while it powers down, not while it pow
 )
 _RAMP = _FOLLOW._replace(state=_END, purpose='come to rest', to_rest=True)
 DISABLE = (_RAMP, *POWER_DOWN)
-HALT = (
+HALT_AXES = (
     _RAMP._replace(state=GroupState.HALTED),
     _FOLLOW._replace(state=GroupState.HALTED),
 )
@@ -112,7 +112,7 @@ END_HOMING = (
     _FOLLOW._replace(state=_END, follows=False),
     *POWER_DOWN,
 )
-HOME = (
+HOME_AXES = (
     *_power_on(Mode.HOMING),
     Step(
         GroupState.HOMING,
@@ -134,7 +134,7 @@ _STOP = Step(
     mode=None,
     to_rest=True,
 )
-STOP = (_STOP, _STOP._replace(purpose='stay stopped', to_rest=False))
+STOP_AXES = (_STOP, _STOP._replace(purpose='stay stopped', to_rest=False))
 CUT_POWER = (
     Step(
         GroupState.STOPPED,
@@ -184,5 +184,5 @@ def halt_plan(step: Step, is_confirmed: bool) -> Plan | None:
     if not step.follows or step.state is GroupState.HALTED:
         return None
     if is_confirmed:
-        return HALT
+        return HALT_AXES
     return None if step.state is GroupState.DEACTIVATING else DISABLE

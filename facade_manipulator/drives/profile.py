@@ -323,8 +323,8 @@ def _pdos(data: Any) -> tuple[Pdo, ...]:
     """Return the PDOs of a table, which must carry the objects that every drive needs."""
     content = _table('pdos', data, pdo.PDO_NAMES)
     for kind, possible, needed in (
-        ('RPDO', pdo.COMMANDS, pdo.COMMANDS),
-        ('TPDO', {*pdo.KNOWN_OBJECTS} - pdo.COMMANDS, pdo.STATUS),
+        ('RPDO', pdo.COMMAND_OBJECTS, pdo.COMMAND_OBJECTS),
+        ('TPDO', {*pdo.KNOWN_OBJECTS} - pdo.COMMAND_OBJECTS, pdo.STATUS_OBJECTS),
     ):
         carried = {
             index

@@ -39,7 +39,7 @@ MEASURED_SHARE = (
 SEARCHED_SPEEDS = (
     41  # number of speeds in the search; twice as many change the distance by 0.1 mm
 )
-MARGIN = 0.001  # m, for the speed that a carriage gains before it brakes
+SEPARATION_MARGIN = 0.001  # m, for the speed that a carriage gains before it brakes
 CYCLES_TO_STOP = (
     2  # a report just after one SYNC is answered after the next, and latched then
 )
@@ -47,7 +47,7 @@ MIN_SPEED = 0.01  # m/s, that must remain for carriages at their minimum gap
 WINDOW_SHARE = (
     0.75  # of the free distance between carriages, at most, may one lag undetected
 )
-ROUNDING = 1e-9  # m, m/s, m/s²
+BOUND_ROUNDING = 1e-9  # m, m/s, m/s²
 # of the emergency stop
 SCATTER = 0.2  # share of the coasting deceleration, up or down: friction varies along the rail
 LOAD = (
@@ -157,7 +157,7 @@ class Separation(NamedTuple):
         def needed(delay: float) -> float:
             return (
                 self.touching
-                + MARGIN
+                + SEPARATION_MARGIN
                 + speed * delay
                 + 0.5 * speed**2 / self.deceleration
             )
@@ -170,7 +170,7 @@ class Separation(NamedTuple):
 
     def _stopping_from(self, distance: float, delay: float) -> float:
         """Return the speed [m/s] from which a carriage stops within a distance after a delay."""
-        room = max(0.0, distance - self.touching - MARGIN)
+        room = max(0.0, distance - self.touching - SEPARATION_MARGIN)
         late = self.deceleration * delay
         return math.sqrt(late * late + 2.0 * self.deceleration * room) - late
 
@@ -317,7 +317,7 @@ class StoppingAnalysis:
                 for one in self.outcomes
             ),
         ):
-            if value > bound + ROUNDING:
+            if value > bound + BOUND_ROUNDING:
                 raise ParameterError(
                     f'{quantity} = {value:.3g} {unit} is above {bound_name} = '
                     f'{bound:.3g} {unit}; next: {remedy}'

@@ -23,7 +23,7 @@ from facade_manipulator.drives.snapshot import Cause, Remedy
 from facade_manipulator.errors import ManipulatorError, SetpointLimitError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 
-ROUNDING = 1e-9  # m
+TARGET_ROUNDING = 1e-9  # m
 STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
 
 
@@ -216,7 +216,9 @@ class TargetSupervisor:
         self.guard.check_targets(targets)
         for name, old, new in zip(AXIS_NAMES, held, targets, strict=True):
             step = abs(new - old)
-            if not step <= self._largest_step + ROUNDING:  # also a step not finite
+            if (
+                not step <= self._largest_step + TARGET_ROUNDING
+            ):  # also a step not finite
                 raise SetpointLimitError(
                     f'step of the target of {name} in one cycle',
                     step,

@@ -75,7 +75,7 @@ def run_scan(context: Context) -> None:
 def _is_drive(bus: ToolBus, node_id: int) -> bool:
     """Return whether a node is a drive instead of an I/O module."""
     device_type = bus.number(node_id, indices.DEVICE_TYPE) or 0
-    return device_type & 0xFFFF == configuration.DEVICE_TYPE
+    return device_type & 0xFFFF == configuration.DEVICE_PROFILE
 
 
 def run_assign(context: Context) -> None:

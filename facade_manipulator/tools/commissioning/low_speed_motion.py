@@ -21,7 +21,7 @@ from facade_manipulator.drives.guard import Unguarded
 from facade_manipulator.drives.homing import METHODS_AT_PRESENT_POSITION
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.snapshot import AxisSnapshot
-from facade_manipulator.drives.targets import ROUNDING
+from facade_manipulator.drives.targets import TARGET_ROUNDING
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 from facade_manipulator.kinematics.planar import MM
@@ -160,7 +160,7 @@ class Motion:
         """Move at a speed [m/s] to the end of the window; yield the axes of each cycle."""
         self.targets.goal = speed
         direction = math.copysign(1.0, speed)
-        while direction * self.targets.displacement < self.window - ROUNDING:
+        while direction * self.targets.displacement < self.window - TARGET_ROUNDING:
             yield self.turn()
 
     def rest(self, seconds: float = 0.3) -> dict[str, AxisSnapshot]:

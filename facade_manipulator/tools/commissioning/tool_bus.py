@@ -10,6 +10,7 @@ from pathlib import Path
 from facade_manipulator.canopen import cob_ids, indices
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
+from facade_manipulator.canopen.lss import REQUEST_PACE
 from facade_manipulator.canopen.sdo import (
     complete_answer,
     expedited_number,
@@ -25,7 +26,6 @@ BOOT_TIMEOUT = 5.0  # s
 _LISTENING_TIME = 0.6  # s: several periods of a driver's heartbeat
 _ASK_SERIAL_NUMBER = upload_request(indices.IDENTITY, 4)
 _LOOK_PERIOD = 0.02  # s, between two checks of a condition on a quiet bus
-_PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
 _ANSWER = 0.25  # s
 _SYNC = cob_ids.frames_of_masters(())[cob_ids.SYNC][0]
 _MASTER_REMEDY = 'end the driver or the other tool'
@@ -112,7 +112,7 @@ class ToolBus:
         self._received.clear()
         for node_id in node_ids:
             self.frames.send(cob_ids.SDO_REQUEST + node_id, _ASK_SERIAL_NUMBER)
-            self.wait(_PACE)
+            self.wait(REQUEST_PACE)
         self.wait(_ANSWER)
         found: dict[int, list[int]] = defaultdict(list)
         for frame in self._received:
