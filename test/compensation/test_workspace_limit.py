@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator.compensation.workspace_limit import WorkspaceLimit
+from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry, Mechanism, Pose
 
 GEOMETRY = Geometry()
@@ -18,6 +19,10 @@ MADE = Geometry(
     carriage_offsets=(2e-3, -1e-3, 1e-3),
     tool=(0.01, 0.08, 0.02),
 )
+#: platforms long in comparison with the links, and a stroke that the platform nearly fills
+CONDITIONED = [Geometry(0.15, 0.55), Geometry(0.25, 0.45), Geometry(0.34, 0.36)]
+NARROW = Geometry(0.578, 0.572)
+GEOMETRIES = [GEOMETRY, MADE, *CONDITIONED, NARROW]
 anywhere = st.builds(
     Pose, st.floats(-1.0, 1.0), st.floats(-0.5, 0.6), st.floats(-1.0, 1.0)
 )
@@ -26,13 +31,27 @@ well_inside = st.builds(
 )
 
 
-@pytest.mark.parametrize('geometry', [GEOMETRY, MADE], ids=['drawn', 'made'])
+@pytest.mark.parametrize('geometry', GEOMETRIES, ids=str)
 @given(pose=anywhere)
 def test_saturated_pose_plus_removed_part_is_the_input(geometry, pose):
     saturated = WorkspaceLimit(geometry).saturate(pose)
     Mechanism(geometry).certify(saturated.pose)
     wanted = np.add(saturated.pose, saturated.saturation_error)
     assert wanted == pytest.approx(tuple(pose), abs=1e-12)
+
+
+@given(anywhere)
+def test_saturated_pose_has_the_required_conditioning(pose):
+    saturated = WorkspaceLimit(GEOMETRY, min_conditioning=0.3).saturate(pose)
+    Mechanism(GEOMETRY).certify(saturated.pose, min_conditioning=0.3)
+
+
+@pytest.mark.parametrize(
+    'settings', [{'min_conditioning': 0.9}, {'margin': 0.3}, {'margin': math.inf}]
+)
+def test_limit_without_workspace_is_rejected(settings):
+    with pytest.raises(ParameterError, match='no workspace in y'):
+        WorkspaceLimit(GEOMETRY, **settings)
 
 
 @given(well_inside)
@@ -73,7 +92,7 @@ def test_sweep_across_the_workspace_limit_is_smooth(axis):
 @pytest.mark.parametrize('margin', [0.004, 0.03])
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 def test_pose_far_outside_is_saturated_at_the_margin(margin, sign):
-    limit = WorkspaceLimit(GEOMETRY, margin)
+    limit = WorkspaceLimit(GEOMETRY, margin=margin)
     aside = limit.saturate(Pose(sign, 0.25, 0.0)).pose
     left, right, _ = Mechanism(GEOMETRY).inverse_kinematics(aside)
     assert min(left - GEOMETRY.stroke[0], GEOMETRY.stroke[1] - right) == pytest.approx(
