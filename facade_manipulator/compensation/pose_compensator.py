@@ -134,7 +134,7 @@ class Compensator:
         self.initialisations = 0  #: number of times the path began at the head
         self.gate = EstimateGate(settings.estimate)
         self._reference = ReferencePath(settings.reference)
-        self._workspace = WorkspaceLimit(geometry)
+        self._workspace = WorkspaceLimit(geometry, settings.reference.min_conditioning)
         self.newest: CorrectedPose | None = None  #: None while no goal is followed
         self.held_back = HeldBack()  #: limits that hold axes of the head back
 

@@ -6,13 +6,28 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Geometry, Mechanism, Pose, subtract, ZERO_POSE
-from facade_manipulator.kinematics.links import links, x_interval
+from facade_manipulator.kinematics import (
+    CONDITIONING_RATIO,
+    Geometry,
+    Mechanism,
+    MIN_CONDITIONING,
+    Pose,
+    subtract,
+    ZERO_POSE,
+)
+from facade_manipulator.kinematics.links import (
+    branch_number,
+    links,
+    squared_index,
+    x_interval,
+)
 
 WORKSPACE_MARGIN = 0.004  # m, distance kept from reach, stroke and carriage gap
 REFINEMENTS = 3  # iterations of y for a limited x, whose limit depends slightly on y
 # Depth over which an axis is bent into the limit, so that the head meets it without a jerk.
 KNEE, Y_KNEE, YAW_KNEE = 0.03, 0.01, 0.02  # m, m, rad: x, y, theta
+SEARCHED_PLACES = 201  # number of y in the search for the interval at θ = 0
+HALVINGS = 24  # of the interval in the search for a yaw; the last is below 1e-7 rad
 
 
 class Saturated(NamedTuple):
@@ -27,15 +42,38 @@ class WorkspaceLimit:
     Limits of the workspace: y is limited first, then θ at this y, then x at both.
 
     At fixed (y, θ) reach and order of the carriages do not depend on x, and x has one interval. At
-    fixed y the yaw has one interval, symmetric about 0.
+    fixed y the yaw has one interval, symmetric about 0. Where the platform is long in comparison
+    with the links, the conditioning or the stroke ends this interval before reach and order do.
 
-    Raises a ParameterError if the margin [m] leaves no workspace.
+    Parameters
+    ----------
+    geometry : Geometry
+        Of the machine.
+    min_conditioning : float
+        Minimum conditioning index of a pose, as of `Mechanism.certify`.
+    margin : float
+        Distance kept from reach, stroke and carriage gap [m].
+
+    Raises
+    ------
+    ParameterError
+        If no workspace is left.
+
     """
 
-    def __init__(self, geometry: Geometry, margin: float = WORKSPACE_MARGIN) -> None:
+    def __init__(
+        self,
+        geometry: Geometry,
+        min_conditioning: float = MIN_CONDITIONING,
+        margin: float = WORKSPACE_MARGIN,
+    ) -> None:
         self._margin = margin
+        self._min_conditioning = min_conditioning
         self._half = geometry.platform_half_length
         self._mechanism = Mechanism(geometry)
+        _, _, half1, half2 = self._mechanism.sides
+        length = self._half / CONDITIONING_RATIO  # m, characteristic length
+        self._ratios = half1 / length, half2 / length
         errors = 3.0 * _greatest(geometry.link_errors, geometry.platform_errors)
         self._reach = geometry.link_length - margin - errors
         self._gap = geometry.carriage_gap + margin + errors
@@ -46,11 +84,6 @@ class WorkspaceLimit:
             self._half - self._gap
         ) ** 2 - geometry.link_length**2  # (b − gap)² − l²
         self._span_y = self._y_interval()
-        if self._span_y[0] >= self._span_y[1]:
-            raise ParameterError(
-                f'geometry rejected: it leaves no workspace in y, from {self._span_y[0]:.4g} m to '
-                f'{self._span_y[1]:.4g} m; next: check link_length and carriage_gap'
-            )
 
     def saturate(self, pose: Pose, slope: float = 0.0) -> Saturated:
         """
@@ -85,15 +118,55 @@ class WorkspaceLimit:
         )
 
     def _y_interval(self) -> tuple[float, float]:
-        """Return the y-interval [m] at θ = 0, by carriage gap and reach; never behind the rail."""
-        nearest = math.sqrt(max(-self._order, 0.0))
-        return max(nearest, self._margin), self._reach
+        """
+        Return the y-interval [m] at θ = 0; never behind the rail.
+
+        Carriage gap and reach give its ends, or conditioning and stroke if they end it earlier.
+        """
+        nearest = max(math.sqrt(max(-self._order, 0.0)), self._margin)
+        step = (self._reach - nearest) / (SEARCHED_PLACES - 1)
+        places = [nearest + number * step for number in range(SEARCHED_PLACES - 1)]
+        places.append(self._reach)
+        usable = [y for y in places if step > 0.0 and self._is_usable(y, 0.0)]
+        if not usable:
+            raise ParameterError(
+                f'geometry rejected: it leaves no workspace in y, from {nearest:.4g} m to '
+                f'{self._reach:.4g} m; next: check link_length, carriage_gap and stroke'
+            )
+        return usable[0], usable[-1]
 
     def _greatest_yaw(self, y: float) -> float:
-        """Return the yaw limit [rad] by order (assuming cos θ = 1 at the gap) and reach."""
+        """
+        Return the yaw limit [rad] by order and reach, or by conditioning and stroke if less.
+
+        The order assumes cos θ = 1 at the gap, which is on the safe side.
+        """
         order = 0.5 * (y + self._order / y)
         # the lesser of order and reach is half - gap at most, so that the sine is below 1
-        return math.asin(max(min(order, self._reach - y), 0.0) / self._half)
+        least = max(min(order, self._reach - y), 0.0)
+        yaw = math.asin(least / self._half)
+        if self._is_usable(y, yaw) and self._is_usable(y, -yaw):
+            return yaw
+
+        usable = 0.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (usable + yaw)
+            if self._is_usable(y, middle) and self._is_usable(y, -middle):
+                usable = middle
+            else:
+                yaw = middle
+        return usable
+
+    def _is_usable(self, y: float, theta: float) -> bool:
+        """Return whether conditioning and stroke permit a pose [m, rad] at some x."""
+        lowest, highest = self._x_interval(y, theta)
+        if lowest > highest:
+            return False
+        at = links(self._mechanism.sides, y, theta, root=_root_or_zero)
+        ratio1, ratio2 = self._ratios
+        if branch_number(at, ratio1, ratio2) <= 0.0:
+            return False
+        return squared_index(at, ratio1, ratio2) >= self._min_conditioning**2
 
     def _x_interval(self, y: float, theta: float) -> tuple[float, float]:
         """Return the x-interval [m] at (y, θ), by the stroke of the outer carriages."""
