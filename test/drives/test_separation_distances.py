@@ -3,15 +3,19 @@
 from dataclasses import replace
 import math
 
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 import pytest
 
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.stopping_distances import (
     least_distance,
     overshoot,
     Separation,
+    StoppingAnalysis,
 )
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter
 
 LIMITS = MotionLimits()
@@ -20,7 +24,8 @@ GAP, PERIOD = 0.02, 0.01
 ROUNDING_OF_THE_PATH = (
     0.0005  # m: the path to rest is jerk-limited and sampled, the bound is not
 )
-shares = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
+share = st.floats(-1.0, 1.0)
+shares = st.tuples(share, share, share)
 
 
 @pytest.mark.parametrize(
@@ -93,6 +98,43 @@ def test_no_allowed_motion_comes_nearer_than_the_bound(
             - stop_alone(velocity[0], deceleration, left, time)
             for time in [0.002 * step for step in range(150)]
         )
+
+
+@pytest.mark.long
+@given(
+    st.tuples(share, share),
+    st.tuples(st.sampled_from([-1.0, 0.0, 1.0]), st.sampled_from([-1.0, 0.0, 1.0])),
+    st.sampled_from([0.0, 0.02]),
+)
+def test_separated_carriages_keep_the_bound_from_every_acceleration(
+    speeds, accelerations, delay
+):
+    left, right = (LIMITS.speed * share for share in speeds)
+    motion = CarriageMotion(
+        (0.0, 0.0, 0.0),
+        (left, right, right),
+        tuple(
+            LIMITS.acceleration * sign
+            for sign in (accelerations[0], accelerations[1], accelerations[1])
+        ),
+    )
+    limiter = PathLimiter(LIMITS, PERIOD)
+    assume(limiter.allows(motion, LIMITS.speed))
+    separation = StoppingAnalysis(
+        Geometry(), LIMITS, DEFAULT_AXES, ControllerSettings()
+    ).separation
+    start = GAP - brake_together(motion)
+    for (q1, _, q3), (v1, _, v3), _ in limiter.stop(motion):
+        nearest = separation.distance(max(abs(v1), abs(v3)))
+        start = max(start, nearest - (q3 - q1))
+    bound = least_distance(GAP, LIMITS, separation.deceleration, delay)
+    for late_left, late_right in ((delay, 0.0), (0.0, delay)):
+        for step in range(150):
+            time = 0.002 * step
+            moved_left = stop_alone(left, separation.deceleration, late_left, time)
+            moved_right = stop_alone(right, separation.deceleration, late_right, time)
+            left_over = start + moved_right - moved_left
+            assert left_over >= bound - ROUNDING_OF_THE_PATH
 
 
 # a neighbour that stops at once; the times are those of 4, 3 and 2 cycles
