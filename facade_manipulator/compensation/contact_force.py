@@ -10,8 +10,9 @@ horizon later. With â the offset that was meant for the stamp, and T the latenc
 
 The term k̂ (a − â) predicts the force of the offsets decided since the stamp. This law alone is
 stable for every k ≤ 4.1 k̂: for k = k̂ no latency remains in the loop, and for a smaller k it is
-slower. With T = 70 ms it halves the motion of the wall below 0.35 Hz and amplifies it above
-0.97 Hz, at most by 1.25. The moment follows the same law with k̂ w²/4 for a brush of the width w.
+slower. For k = k̂ and T = 70 ms it halves the motion of the wall below 0.43 Hz and amplifies it
+above 1.0 Hz, at most by 1.37. The moment follows the same law with k̂ w²/4 for a brush of the
+width w.
 
 The remaining errors of the force are mostly noise of the estimator in the predicted disturbance d.
 The force shows the distance of the wall from the rail, z = a − d − F/k̂, without that noise.

@@ -320,7 +320,11 @@ class DriveController:
             self._stop_for(Cause(cause, cut_power=True, is_requested=True))
 
     def require_power_allowed(self, request: str) -> None:
-        """Raise a DriveStateError if power is forbidden, or would stay on without this master."""
+        """
+        Raise a DriveStateError if power is forbidden.
+
+        It is also raised if a drive would continue to move if this master were silent.
+        """
         reason = self.forbidden.cause
         unstopped = []
         for axis in self.axes:

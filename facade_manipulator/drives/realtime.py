@@ -4,8 +4,8 @@ Timing of a process: scheduling, memory, CPU and garbage collection.
 A request that the system rejects is reported with the setting that grants it; the process runs
 without it.
 
-Priorities are below 50, which the kernel gives to the threads of its interfaces. A process that
-runs too long without a pause returns to the normal scheduler, and is killed if it cannot.
+The default priorities are below 50, which the kernel gives to its interrupt threads. A process
+that runs too long without a pause returns to the normal scheduler, and is killed if it cannot.
 """
 
 from __future__ import annotations

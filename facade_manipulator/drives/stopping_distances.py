@@ -62,7 +62,7 @@ def least_distance(
     gap: float, limits: MotionLimits, deceleration: float, delay: float
 ) -> float:
     """
-    Return the minimum distance of neighbours that brake independently, over all motions [m].
+    Return the minimum distance of neighbours that brake independently [m].
 
     Two neighbours always keep the distance from which all three carriages can brake together with
     `gap` left at rest. Braking together, a carriage that moves away from its neighbour first
@@ -71,6 +71,10 @@ def least_distance(
     the mirrored case has the same minimum. The search covers all speeds and takes the distance at
     rest. A pair that is nearest earlier, while both have a speed w, loses as much distance as a
     pair that is slower by w loses until rest.
+
+    A carriage near its speed limit that already brakes, beside one that accelerates away from it,
+    may come nearer by up to 2.6 mm at the default limits, because it needs no time to begin its
+    brake. `Separation` does not permit these speeds so near.
 
     Parameters
     ----------

@@ -77,7 +77,8 @@ class Mechanism:
     """
     Kinematics of a machine, which never changes; `Geometry.drawn` is that without errors.
 
-    The nodes use it for each setpoint and each measured position, the driver for each target.
+    The nodes use it for each setpoint and each measured position, the driver for targets and
+    measured positions near a limit (`MechanismCheck`).
 
     Parameters
     ----------

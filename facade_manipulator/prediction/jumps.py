@@ -14,12 +14,12 @@ estimates to the prediction, divided by their standard deviation σ_i:
 
 The difference is twice the logarithm of the likelihood ratio. The estimates count as wrong while
 it is above `ODDS`. Half sines and ramps of the errors are also nearer to a jump than to a push.
-The smaller a jump is, the more estimates are needed: five at 4 σ. An error that lasts for
-`DECISION_TIME` is a step of the estimator if a jump explains it much better than a push of any
-strength, with a difference above `STEP_ODDS`. Otherwise it is a motion, after which pushes of any
-strength are possible for a while. The limit is higher for a step than for a wrong estimate: a
-motion that counts as a step is compensated only after a fade, while a step that counts as a motion
-moves the head by a few standard deviations at most.
+The smaller a jump is, the more estimates are needed: at 50 Hz six at 3 σ and two at 4 σ. An error
+that lasts for `DECISION_TIME` is a step of the estimator if a jump explains it much better than a
+push of any strength, with a difference above `STEP_ODDS`. Otherwise it is a motion, after which
+pushes of any strength are possible for a while. The limit is higher for a step than for a wrong
+estimate: a motion that counts as a step is compensated only after a fade, while a step that counts
+as a motion moves the head by a few standard deviations at most.
 
 References
 ----------
@@ -159,7 +159,8 @@ class JumpDetector:
         since = self._since
         begin = stamps.searchsorted(since)
 
-        # q = (1 + t/t₀)² with t₀ = sqrt(4 σ/A), in which an error of 2 σ shows
+        # A push gives an error of 2 σ (1 + t/t₀)² with t₀ = sqrt(4 σ/A). Here q is this error [m or
+        # rad], and the weights divide by σ².
         t0 = math.sqrt(4.0 * deviations[begin] / self._acceleration)
         risen = np.maximum(1.0 + (stamps - since) / (t0 * PUSH_TIMES), 0.0)
         q = 2.0 * deviations[begin] * risen**2
