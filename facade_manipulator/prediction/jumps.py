@@ -159,8 +159,8 @@ class JumpDetector:
         since = self._since
         begin = stamps.searchsorted(since)
 
-        # A push gives an error of 2 σ (1 + t/t₀)² with t₀ = sqrt(4 σ/A). Here q is this error [m or
-        # rad], and the weights divide by σ².
+        # A push gives an error of 2 σ (1 + t/t₀)² with t₀ = sqrt(4 σ/A). Here q is this error
+        # [m or rad], and the weights divide by σ².
         t0 = math.sqrt(4.0 * deviations[begin] / self._acceleration)
         risen = np.maximum(1.0 + (stamps - since) / (t0 * PUSH_TIMES), 0.0)
         q = 2.0 * deviations[begin] * risen**2
