@@ -1,8 +1,8 @@
 """
 Rule for the variances in all messages.
 
-A variance of zero means that the message has no covariance: the value is valid, and its noise is
-the default. A variance that is negative, not finite or too large marks a value that was not
+A variance of zero means that the message contains no covariance: the value is valid, and its noise
+is the default. A variance that is negative, not finite or too large marks a value that was not
 measured.
 """
 
@@ -13,7 +13,7 @@ MIN_DEVIATION = 1e-4  # m or rad: with less, a filter would ignore all other dat
 
 
 def is_measured(variance: float, largest_deviation: float = LARGEST_DEVIATION) -> bool:
-    """Return whether a variance is that of a measured value, by its maximum deviation."""
+    """Return whether a variance is that of a value measured within a maximum deviation."""
     return 0.0 <= variance <= largest_deviation**2  # false for NaN
 
 

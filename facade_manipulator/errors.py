@@ -12,7 +12,7 @@ Exceptions of the package, arranged by the reaction of the caller.
     │   ├── CarriageGapError
     │   ├── SingularityError
     │   └── SetpointLimitError
-    ├── CalibrationError                     measure again by the message
+    ├── CalibrationError                     follow the message, then measure again
     ├── CommissioningError                   follow the message, then try again
     ├── BusError                             check the CAN interface
     └── DriveError                           check the drive
@@ -140,7 +140,7 @@ class InputError(ManipulatorError):
 
     @staticmethod
     def out_of_order(quantity: str, lateness: float) -> InputError:
-        """Return the rejection of a message by its age relative to its predecessor [s]."""
+        """Return the rejection of a message for its age relative to its predecessor [s]."""
         relation = f'is {lateness:.3f} s older than'
         if lateness < 0.0005:  # 0.000 s would explain nothing
             relation = 'has the stamp of, or is less than 1 ms older than,'
@@ -151,7 +151,7 @@ def require_recent(
     quantity: str, age: float, maximum_age: float, maximum_lead: float
 ) -> None:
     """
-    Reject a message by its age [s]; a stamp in the future has a negative age.
+    Reject a message for its age [s]; a stamp in the future has a negative age.
 
     Raises an InputError with reason ``'stale'`` or ``'future'``.
     """
@@ -171,7 +171,7 @@ class CalibrationError(ManipulatorError):
 
 
 class CommissioningError(ManipulatorError):
-    """A step of commissioning failed; the message has the state of the machine."""
+    """A step of commissioning failed; the message contains the state of the machine."""
 
 
 class LimitError(ManipulatorError):

@@ -205,7 +205,7 @@ def from_mapping(
     """
     Return a frozen dataclass from values by the names of its fields.
 
-    Missing fields have their defaults; `defaults` override those of the class. A list becomes a
+    Missing fields keep their defaults; `defaults` override those of the class. A list becomes a
     tuple. A field that is a dataclass is made from an inner mapping. `prefix` is the group of the
     names in messages, such as ``'geometry'``.
 
@@ -236,7 +236,7 @@ def _fields_of(cls: Any) -> tuple[Field[Any], ...]:
 
 
 def _converted(name: str, value: Any, item: Field[Any]) -> Any:
-    """Return the value of a field, checked by the parameter or by the default of the field."""
+    """Return the value of a field, checked with the parameter or with the default of the field."""
     info = item.metadata.get(_KEY)
     if info is not None:
         _require_type(name, value, info)
@@ -252,7 +252,7 @@ def _converted(name: str, value: Any, item: Field[Any]) -> Any:
 
 def _require_like(name: str, value: Any, default: Any) -> None:
     """
-    Check the type of a field of a scenario by its default; an integer is also a double.
+    Check the type of a field of a scenario with its default; an integer is also a double.
 
     Each element is like the first of the default. An empty default permits any elements, and no
     length is checked.

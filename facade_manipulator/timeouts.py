@@ -1,9 +1,9 @@
 """
 Time-outs of the end of the driver, each of which must exceed another.
 
-The end of the driver has levels. Each level waits for the level below it, and ends it by force
-after its own time-out. A shorter time-out would interrupt an orderly stop. Therefore each value is
-computed from the value that it must exceed, from the inside to the outside:
+The end of the driver consists of levels. Each level waits for the level below it, and ends it by
+force after its own time-out. A shorter time-out would interrupt an orderly stop. Therefore each
+value is computed from the value that it must exceed, from the inside to the outside:
 
     answer of a drive < attempts of one object < request `close` < end of the loop's process
     < end as seen by the driver node < end as seen by launch, systemd and demo

@@ -34,7 +34,7 @@ from std_srvs.srv import SetBool, Trigger
 # other run of a test, although the publisher had already counted its subscriber.
 COMMAND = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 COMMANDS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# States, of which a later subscriber receives the last message, or the last ten.
+# States: a later subscriber receives the last message, or the last ten.
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 RECENT = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Measurements: a later subscriber receives no past message.

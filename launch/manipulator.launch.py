@@ -6,7 +6,7 @@ The driver configures itself at its start; only an operator's request powers the
 simulated world. Robot_state_publisher is started if it is installed. With `record` the topics are
 recorded as record.launch.py describes.
 
-The end of one node ends all nodes; launch then has exit status 1 unless the exit status of that
+The end of one node ends all nodes; launch then ends with status 1 unless the exit status of that
 node was 0, or Ctrl-C ended it. In any order, the driver brings the carriages to rest, powers
 off and closes the bus. The end of estimator, robot_state_publisher or recorder does not end any
 other node.

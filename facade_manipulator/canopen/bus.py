@@ -204,12 +204,12 @@ class CanBus:
         """
         Send a network management command to one node, 0 for all; raises the errors of `send`.
 
-        The library names a command by the state that follows, such as ``'OPERATIONAL'``.
+        The library names a command after the state that follows, such as ``'OPERATIONAL'``.
         """
         self.send(cob_ids.NMT, nmt.command(name, node_id))
 
     def start_sync(self, period: float) -> None:
-        """Start SYNC by the kernel, without jitter of Python; raises a BusError if impossible."""
+        """Let the kernel send SYNC, without jitter of Python; raises a BusError if impossible."""
         message = can.Message(arbitration_id=cob_ids.SYNC, is_extended_id=False)
         try:
             self._sync_task = self._bus.send_periodic(message, period)

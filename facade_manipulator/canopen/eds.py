@@ -51,7 +51,7 @@ def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
     """
     Return the object dictionary of an EDS or DCF with the usual deviations from CiA 306.
 
-    The text may be UTF-8 or in a Windows code page. It may have names in any case, tabs, and
+    The text may be UTF-8 or in a Windows code page. It may contain names in any case, tabs, and
     numbers that are empty, octal or without 0x. An object without a data type is left out.
     Raises a ParameterError with the reason for any other deviation.
     """

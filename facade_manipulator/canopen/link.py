@@ -1,7 +1,7 @@
 """
-Settings and counters of a CAN interface, and checks: it exists, is up and has our bit rate.
+Settings and counters of a CAN interface, and checks: it exists, is up and uses our bit rate.
 
-SocketCAN opens an interface that is down or has another bit rate without an error. This module
+SocketCAN opens an interface that is down or uses another bit rate without an error. This module
 checks both beforehand, with iproute2 if installed, otherwise in /sys.
 It imports no CAN library, because the driver node has no bus and saves the library's memory.
 """

@@ -72,7 +72,7 @@ class WaitingBus(Protocol):
 
 class LssTransport:
     """
-    Frames of a master, of which each answer belongs to its question.
+    Frames of a master; each answer belongs to its question.
 
     An answer to fastscan does not repeat its question, and several slaves answer at different
     times. Therefore the transport listens after an answer for as long as the slowest slave has
@@ -202,7 +202,7 @@ class LssSlave:
     """
     Node id of a simulated drive, which a master sets; 255 means no node id.
 
-    `values` contains the objects of the drive, of which 1018h is the identity.
+    `values` contains the objects of the drive; 1018h is the identity.
     """
 
     def __init__(self, node_id: int, values: Mapping[tuple[int, int], int]) -> None:

@@ -142,7 +142,7 @@ def expedited_number(answer: bytes) -> int | None:
 
 
 class SdoAbortError(DriveObjectError):
-    """A drive has aborted the transfer of an object; the message has the SDO abort code."""
+    """A drive has aborted the transfer of an object; the message contains the SDO abort code."""
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
@@ -345,7 +345,7 @@ class SdoChannel:
     # --- requests of a transfer
 
     def _ask(self, transfer: _Transfer, request: bytes, specifier: int) -> Steps[bytes]:
-        """Send a request; return its answer of eight bytes, which has a command specifier."""
+        """Send a request; return its answer of eight bytes, which contains a command specifier."""
         begins = specifier in (_UPLOAD, _DOWNLOAD)
         transfer.expected = request[1:4] if begins else b''
         transfer.answer = None

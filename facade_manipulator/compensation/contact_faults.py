@@ -51,7 +51,7 @@ class ForceRises:
         self._variance = 0.0
 
     def add(self, interval: float, force: float, least: float) -> None:
-        """Add a force [N] after an interval [s]; only rises above the least force count."""
+        """Add a force [N] after an interval [s]; only rises above the minimum force count."""
         self.mean += filter_share(interval, self._mean_time) * (force - self.mean)
         rise = max(force - max(self.mean, least), 0.0)
         self._variance += filter_share(interval, self._memory) * (

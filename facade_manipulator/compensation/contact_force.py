@@ -22,9 +22,9 @@ differs from the law's by less than a bound.
 The tracker reduces the margins of the law: for k above 2 k̂, or with a latency that no stamp
 shows, the loop of law and tracker oscillates within the bound. The bound is therefore
 `TRACKING_BOUND` times a trust. The law holds the force alone for `TRIAL_TIME`. Then the trust
-rises from 0 to 1. It falls while the RMS error of the force is above `WELL_HELD` and above that
-of the law alone, and in any case above `BADLY_HELD`. After each fall to 0 it rises half as fast,
-so that the law alone remains where the tracker fails.
+rises from 0 to 1. It falls while the RMS error of the force is above `WELL_HELD` and above that of
+the law without the tracker, and in any case above `BADLY_HELD`. After each fall to 0 it rises half
+as fast, so that the law alone remains where the tracker fails.
 
 Beyond its margins, or with a latency H that no stamp shows, the law oscillates as well. It then
 moves towards the wall until T + H after the force has reached the desired force. The velocity
@@ -72,7 +72,7 @@ class ForceLaw:
     """
     Force law of one axis, along the wall's normal or in yaw.
 
-    `Pressing` adds each measurement and, in each cycle, moves the offset by the law's velocity.
+    `Pressing` adds each measurement and, in each cycle, moves the offset with the law's velocity.
     """
 
     def __init__(self) -> None:
@@ -124,7 +124,7 @@ class ForceLaw:
 
 class WallTracker:
     """
-    Tracker of the wall's distance from the rail, by the force.
+    Tracker of the wall's distance from the rail, computed from the force.
 
     The tracker is a steady-state Kalman-Bucy filter for a distance whose jerk is white noise. Its
     bandwidth ω grows with the third root of the stiffness k̂ of the brush, because the noise of
@@ -145,7 +145,7 @@ class WallTracker:
 
     def add_measurement(self, stamp: float, force: float, stiffness: float) -> None:
         """
-        Update distance, velocity and acceleration of the wall by a force [N] at a stamp [s].
+        Update distance, velocity and acceleration of the wall from a force [N] at a stamp [s].
 
         The stiffness k̂ is that of the brush [N/m]. The first measurement, and one after a gap of
         `OLDEST_WRENCH`, only sets the distance.

@@ -1,7 +1,7 @@
 """
 Phases of pressing on the wall: approach the wall, raise the force, hold it, retract.
 
-`contact_force.py` has the law of the force, `contact_faults.py` the reasons to retract.
+`contact_force.py` contains the law of the force, `contact_faults.py` the reasons to retract.
 """
 
 from __future__ import annotations

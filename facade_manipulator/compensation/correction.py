@@ -310,9 +310,9 @@ class Correction:
     @property
     def _smoothing(self) -> float:
         """
-        Return the time constant [s] of a change by a new estimate.
+        Return the time constant [s] of a change due to a new estimate.
 
-        The changes by the noise of the estimates determine the jerk of the carriages, so that
+        The changes due to the noise of the estimates determine the jerk of the carriages, so that
         less noise needs less smoothing. The noise is that of the worst axis.
         """
         noise = max(

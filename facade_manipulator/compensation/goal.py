@@ -97,7 +97,7 @@ class ArrivalSettings:
 
 
 class Rejection(NamedTuple):
-    """Rejected goal, by its stamp."""
+    """Rejected goal, identified by its stamp."""
 
     stamp: str
     reason: str
@@ -298,7 +298,7 @@ class GoalTracker:
         reason: str,
         remaining: Remaining = UNKNOWN_REMAINDER,
     ) -> None:
-        """Publish the state of a goal by its stamp, with the reason of the state."""
+        """Publish state and reason of the goal with a stamp."""
         values = {
             'goal stamp': stamp,
             'state': state.value,

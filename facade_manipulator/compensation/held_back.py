@@ -16,7 +16,7 @@ class HeldBack:
         self._noted: dict[tuple[str, str], float] = {}
 
     def note(self, now: float, *errors: Pose) -> None:
-        """Record the axes that are held back, by their errors for each of `HOLDS`."""
+        """Record the axes that are held back, from their errors for each of `HOLDS`."""
         for limit, error in zip(HOLDS, errors, strict=True):
             for axis, amount in zip(Pose._fields, error, strict=True):
                 if abs(amount) > LEAST_ERROR:

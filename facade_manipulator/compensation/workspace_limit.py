@@ -137,7 +137,7 @@ class WorkspaceLimit:
 
     def _greatest_yaw(self, y: float) -> float:
         """
-        Return the yaw limit [rad] by order and reach, or by conditioning and stroke if less.
+        Return the yaw limit [rad] from order and reach, or from conditioning and stroke if less.
 
         The order assumes cos θ = 1 at the gap, which is on the safe side.
         """
@@ -169,7 +169,7 @@ class WorkspaceLimit:
         return squared_index(at, ratio1, ratio2) >= self._min_conditioning**2
 
     def _x_interval(self, y: float, theta: float) -> tuple[float, float]:
-        """Return the x-interval [m] at (y, θ), by the stroke of the outer carriages."""
+        """Return the x-interval [m] at (y, θ), from the stroke of the outer carriages."""
         sides = self._mechanism.sides
         _, cosine, _, _, s1, s2 = links(sides, y, theta, root=_root_or_zero)
         return x_interval(sides, self._stroke, cosine, s1, s2)

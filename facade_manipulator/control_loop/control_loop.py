@@ -227,7 +227,7 @@ class ControlLoop:
         self._fed = self._clock.monotonic()
 
     def _add_setpoint(self, stamp: float, *motion: Any) -> None:
-        """Add a setpoint by its stamp on the system clock [s], which may have been set."""
+        """Add a setpoint at its stamp on the system clock [s], which may have been set."""
         time = self._steady_time.from_stamp(stamp)
         try:
             self.follower.add(Setpoint(time, *motion), self._clock.monotonic())

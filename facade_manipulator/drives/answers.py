@@ -11,7 +11,7 @@ SYNC_TOLERANCE = 0.001  # s, maximum error between the stamps of a SYNC and its 
 
 class Answers:
     """
-    Answers of one drive to SYNC, by its TPDOs.
+    Answers of one drive to SYNC, in its TPDOs.
 
     An answer is complete when all TPDOs of a SYNC have arrived: following errors of different
     cycles must not be compared. The rate is in cycles per second.

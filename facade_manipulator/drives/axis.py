@@ -9,8 +9,8 @@ happens to it:
     sent        output (command and target), sdo (objects)
     both        homing
 
-The exchange passes the frames of a drive to its axis. Each frame, except an answer by SDO, may be
-the cause of a stop. Times are on the monotonic clock [s].
+The exchange passes the frames of a drive to its axis. Each frame, except an answer through SDO,
+may be the cause of a stop. Times are on the monotonic clock [s].
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class Axis:
     """
     One axis, for one opening of the bus: the controller replaces it when it closes the bus.
 
-    The operator reads its name. `settings` have the units and the identity of the drive's profile.
-    Raises a ParameterError if the profile contradicts the settings.
+    The operator reads its name. `settings` contain the units and the identity of the drive's
+    profile. Raises a ParameterError if the profile contradicts the settings.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Axis:
         return f'{self.name} (node {self.settings.node_id})'
 
     def connect(self, bus: CanBus, clock: Clock, serials: dict[int, str]) -> None:
-        """Use the objects of the drive on a bus; `serials` has the axes by serial number."""
+        """Use the objects of the drive on a bus; `serials` maps serial numbers to axes."""
         self.sdo.connect(bus, self.name, clock, serials)
 
     # --- what happens to the drive
@@ -190,7 +190,7 @@ class Axis:
             return []
         return self.output.frames(self.output.command)
 
-    # --- what the operator is told
+    # --- values for the operator
 
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
         """Return the newest values, with the commanded target [m], at a time [s]."""

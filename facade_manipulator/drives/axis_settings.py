@@ -234,8 +234,8 @@ def read_axes(
     """
     Return the settings of the three axes, whose carriages have one stroke [m].
 
-    `read` is the method of a `ParameterSource`. The group ``axes`` has the settings that all axes
-    share, the groups ``q1`` to ``q3`` have those in `OF_ONE_AXIS`.
+    `read` is the method of a `ParameterSource`. The group ``axes`` contains the settings that all
+    axes share, the groups ``q1`` to ``q3`` have those in `OF_ONE_AXIS`.
     """
     shared = set(parameter_fields(AxisSettings)) - OF_ONE_AXIS
     common = read(AxisSettings, prefix='axes', only=shared)

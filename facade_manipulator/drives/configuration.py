@@ -265,7 +265,7 @@ def check_identity(
     """
     Require the configured identity of a drive; return its serial number, None if it has none.
 
-    A configured 0 accepts any number. `serials` has the axes by configured serial number, which
+    A configured 0 accepts any number. `serials` maps configured serial numbers to axes, which
     distinguishes swapped axes from a replaced drive. Raises a DriveObjectError that names the
     difference.
     """

@@ -105,7 +105,7 @@ class DriveController:
     def _use(
         self, axes: tuple[Axis, ...], source: Any, guard: Guard | Unguarded
     ) -> None:
-        """Use axes of which nothing is known yet."""
+        """Use new axes, without states or positions."""
         self.axes = axes
         self.group = Group(axes, self.settings)
         self.targets = TargetSupervisor(self.group, self.settings, source, guard)

@@ -235,7 +235,7 @@ class LoopSync:
         return []
 
 
-# The clock asks its sender what waits for what. Both senders answer the same questions.
+# The clock asks its sender for the order of waiting. Both senders answer the same questions.
 SyncSender = KernelSync | LoopSync
 
 
@@ -290,7 +290,7 @@ class CycleCounter:
         self._commanded = sync_time
 
     def causes(self, bound: int) -> list[Cause]:
-        """Return the cause of a stop by `bound` late cycles in a row."""
+        """Return the cause of a stop due to `bound` late cycles in a row."""
         late = self.late_in_a_row
         if late < bound:
             return []
@@ -447,7 +447,7 @@ class CycleClock:
         return self.sender.has_time(now)
 
     def causes(self, bound: int, is_powered: bool) -> list[Cause]:
-        """Return the causes of a stop by the cycle: a failure that occurred `bound` times."""
+        """Return the causes of a stop due to the cycle: a failure that occurred `bound` times."""
         causes = self.sender.causes(bound)
         if is_powered:
             causes = self.counter.causes(bound) + causes

@@ -1,4 +1,4 @@
-"""Errors and warnings that one drive reports by emergency messages, or only by 603Fh."""
+"""Errors and warnings that one drive reports in emergency messages, or only in 603Fh."""
 
 from __future__ import annotations
 

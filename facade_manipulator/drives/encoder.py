@@ -5,8 +5,8 @@ A carriage cannot change its speed faster than its drive allows. Each position i
 position that the last speed predicts. The difference is a *jump*:
 
 - A jump above its bound shows at once that the encoder has slipped.
-- Smaller jumps above half of the bound are added. Their sum since the drive has found home has a
-  limit, too.
+- Smaller jumps above half of the bound are added. Their sum since the drive has found home
+  also has a limit.
 
 Both are judged only while the position counts: when the axis is homed, or its drive has found home
 while others still home.

@@ -1,7 +1,7 @@
 """
 Cyclic exchange on an open bus: receive, supervise, step and command, once per SYNC.
 
-One cycle, in the order of the methods (`cycle` has its times, and the two senders of SYNC):
+One cycle, in the order of the methods (`cycle` shows its times, and the two senders of SYNC):
 
     wait      SYNC: the kernel's is received, or the loop sends its own (`_send_sync`)
               answers: each is passed to its axis; the last one, or time, makes the step due
@@ -35,7 +35,7 @@ from facade_manipulator.drives.transmitter import Transmitter
 LONGEST_WAIT = 0.02  # s: a stop acts within this time, also while all drives are silent
 # of the heartbeat time-out: after a longer pause of this loop frames may have been dropped
 EXCUSING_PAUSE = 0.5
-# least length of the data, because a drive may pad its frames to 8 bytes; receiver
+# minimum length of the data, because a drive may pad its frames to 8 bytes; receiver
 Route = tuple[int, Receiver]
 _IGNORED: Route = (0, lambda _: None)
 
@@ -158,7 +158,7 @@ class CyclicExchange:
                 self.stop_for(cause)
 
     def _on_sync(self, frame: Frame) -> Cause | None:
-        """Begin a cycle with the SYNC of the kernel; return the cause of a stop by another."""
+        """Begin a cycle with the SYNC of the kernel; for another return the cause of a stop."""
         if self.masters.is_foreign_sync(frame):
             return self.masters.receive_foreign_sync(frame)
         if self.clock.is_unexpected(frame.time):
@@ -244,7 +244,7 @@ class CyclicExchange:
             group.stop(cause, now)
 
     def _failures(self) -> list[Cause]:
-        """Return the causes of a stop by silent drives, and by the cycle unless stopped."""
+        """Return the causes of a stop: silent drives and, unless stopped, the cycle."""
         group = self.group
         is_running = group.state is not GroupState.STOPPED
         causes = []

@@ -204,7 +204,7 @@ class Group:
 
     def step(self, now: float) -> None:
         """
-        Command the drives by their newest feedback at a time [s].
+        Command the drives according to their newest feedback at a time [s].
 
         A drive in fault, in an unexpected state or late stops all three in this step. No behaviour
         of a drive raises an error.

@@ -112,7 +112,7 @@ class Guard:
     ----------
     geometry : Geometry
     separation : Separation
-        Allowed speed by the distance of neighbours.
+        Allowed speed for each distance of neighbours.
     limit_margin : float
         Distance of the position limits of the drives beyond the stroke [m].
 

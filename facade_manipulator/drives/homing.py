@@ -1,5 +1,5 @@
 """
-Homing of an axis (mode 6): rise of bit 4, and success or failure by the statusword.
+Homing of an axis (mode 6): rise of bit 4, and success or failure according to the statusword.
 
 A drive that was homed before still shows "homing attained". Success therefore counts only if
 the bit was seen clear first, and a homing error only once the drive has had time to take it back.
@@ -89,7 +89,7 @@ class Homing:
 
     def advance(self, statusword: int, counts: int) -> str:
         """
-        Return the reason of a failure by the statusword and position [counts] of a cycle.
+        Return the reason of a failure from the statusword and position [counts] of a cycle.
 
         The reason is ``''`` for no failure. The reasons are a homing error of the drive, success
         at a position other than the home position, and a timeout.

@@ -113,7 +113,7 @@ def set_priority(priority: int) -> None:
 
 def _schedule(policy: int, priority: int) -> None:
     for thread in os.listdir('/proc/self/task'):
-        with suppress(ProcessLookupError):  # the thread has ended meanwhile
+        with suppress(ProcessLookupError):  # the thread has just ended
             os.sched_setscheduler(
                 int(thread),
                 policy | os.SCHED_RESET_ON_FORK,

@@ -106,7 +106,7 @@ class SdoAccess:
     def connect(
         self, bus: CanBus, name: str, clock: Clock, serials: dict[int, str]
     ) -> None:
-        """Use the objects of the drive on a bus; `serials` has the axes by serial number."""
+        """Use the objects of the drive on a bus; `serials` maps serial numbers to axes."""
         node_id = self._axis.node_id
         self._objects = SdoChannel(bus, node_id, name, self._profile.eds, clock)
         self._serials = serials

@@ -72,7 +72,7 @@ def _unconfirmed(controller: DriveController, since: float) -> list[Axis]:
 
 def _switch_off(controller: DriveController, unsure: list[Axis]) -> Steps[list[Axis]]:
     """
-    Switch off by SDO; return the axes that have still not confirmed that they have no power.
+    Switch off through SDO; return the axes that have still not confirmed that they have no power.
 
     PDOs may not reach the drives, and stopped ones have no SDO.
     """

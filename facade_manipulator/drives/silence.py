@@ -12,7 +12,7 @@ from facade_manipulator.drives.snapshot import Cause, Remedy
 
 class Silence:
     """
-    Supervision of one drive by its answers and heartbeats.
+    Supervision of one drive with its answers and heartbeats.
 
     The exchange asks for a `new_cause` of a stop in each cycle, after `begin`. A snapshot asks for
     the `cause` at any time after the first heartbeat. Times are on the monotonic clock [s].

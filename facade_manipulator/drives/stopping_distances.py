@@ -10,7 +10,7 @@ the rail is A1, A3, A2.
   brakes by itself, its neighbour continues until the report has stopped it.
 - **Near a neighbour** (`Separation`): at full speed no brake avoids a carriage that stops at once,
   such as on a seized screw. Near each other, carriages are therefore slow enough to brake in time.
-- **In the table of `stopping`** (`StoppingAnalysis.table`): the emergency stop acts by hardware,
+- **In the table of `stopping`** (`StoppingAnalysis.table`): the emergency stop acts in hardware,
   without the driver. Two carriages that approach each other begin it farther apart than one that
   approaches a carriage at rest, because they must be able to brake together.
 
@@ -133,7 +133,7 @@ def overshoot(speed: float, acceleration: float, deceleration: float) -> float:
 
 class Separation(NamedTuple):
     """
-    Maximum speed of carriages by distance, so that none hits a neighbour that stops at once.
+    Maximum speed of carriages for each distance, so that none hits a neighbour that stops at once.
 
     A silent drive is detected after `silence`. A drive that still answers is detected by its
     following error, or by a measured distance below the tolerated minimum.
@@ -215,7 +215,7 @@ class StoppingAnalysis:
 
     @cached_property
     def separation(self) -> Separation:
-        """Return the limit of the carriages' speed by their distance."""
+        """Return the limit of the carriages' speed for their distance."""
         axes, geometry, controller = self.axes, self.geometry, self.controller
         reported = CYCLES_TO_STOP * controller.period + controller.drive_lag
         return Separation(
@@ -332,7 +332,8 @@ class StoppingAnalysis:
         Return the distances that emergency stops leave, at five speeds up to the limit.
 
         Without power (STO, stop category 0) carriages coast with a mean deceleration [m/s²]. With
-        SS1-t (stop category 1) all drives brake by their quick-stop inputs before they lose power.
+        SS1-t (stop category 1) all drives brake through their quick-stop inputs before they lose
+        power.
         """
         braking = LOAD * self.separation.deceleration
         slowest_coasting = (1.0 - SCATTER) * coasting

@@ -1,7 +1,7 @@
 """
 Estimator of the rail's pose on the façade, from an IMU and sensors of the wall.
 
-An extended Kalman filter over the last 0.4 s, driven by the IMU: `rail_pose_model` has the
+An extended Kalman filter over the last 0.4 s, driven by the IMU: `rail_pose_model` contains the
 equations, `history` puts late measurements in order, `wall_depth_levels` finds the level of the
 wall to which a measurement belongs.
 """
@@ -270,7 +270,7 @@ class DisturbanceEstimator:
     def _place_before_wall(
         self, state: rail_pose_model.FilterState, ready: Sequence[Channel]
     ) -> None:
-        """Set y and yaw of a state, and the distance of the wall, by the distance sensors."""
+        """Set y and yaw of a state, and the distance of the wall, from the distance sensors."""
         middle = self._middle[X].lever
         mountings = np.subtract([one.sensor.lever for one in ready], middle)
         values = [one.first.densest() for one in ready]

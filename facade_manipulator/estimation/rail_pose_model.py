@@ -230,7 +230,7 @@ def _set_imu_derivatives(
     sine: float,
     fz: float,
 ) -> None:
-    """Set the derivatives by biases and tilts in a transition matrix of a step with an IMU [s]."""
+    """Set the derivatives for biases and tilts in a transition matrix of an IMU step [s]."""
     transition[YAW, GYROSCOPE_Z] = -step
 
     # v + R(ψ) a step: cosine and sine include the step
@@ -243,7 +243,7 @@ def _set_imu_derivatives(
     transition[VY, ACCELEROMETER_X] = -sine
     transition[VY, ACCELEROMETER_Y] = -cosine
 
-    # a = f + f_z (θ_y, −θ_x) and ω_z are measured anew
+    # a = f + f_z (θ_y, −θ_x) and ω_z are measured again
     transition[AX, AX] = 0.0
     transition[AY, AY] = 0.0
     transition[YAW_RATE, YAW_RATE] = 0.0
@@ -279,7 +279,7 @@ class WallSensor(ABC):
 
     @abstractmethod
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
-        """Return the measurement at a pose of the sensor, and its derivatives by the pose."""
+        """Return the measurement at a pose of the sensor, and its Jacobian for the pose."""
 
     def expect(self, mean: Sequence[float], later: float) -> tuple[float, np.ndarray]:
         """Return the expected measurement `later` [s] after a state, and its Jacobian."""

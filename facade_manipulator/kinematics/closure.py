@@ -16,7 +16,7 @@ One root u is at or above 2. The lesser of the other two, if they are real, belo
 with N > 0 on which the machine is assembled. f is convex below that root and f(0) ≥ 0, so Newton's
 method converges to it from u = 0 without a bracket. Near θ = 0 the cubic is a parabola except for
 its last term. One Newton step from the parabola's smaller root leads to the solution, or to a
-better start than u = 0. θ is computed by atan2, because acos would lose digits near θ = 0.
+better start than u = 0. θ is computed with atan2, because acos would lose digits near θ = 0.
 
 The cubic requires equal sides. Newton's steps on the closure of both links, s_i² + u_i² = l_i²
 with the terms of `links`, refine its solution. They also lead from the mean lengths to the lengths
@@ -233,7 +233,7 @@ def require_regular(number: float) -> None:
 
 
 def _least_root(f0: float, f1: float, f2: float, f3: float) -> float:
-    """Return the least root u of f0 − f1 u + f2 u² − f3 u³: it has the branch with N > 0."""
+    """Return the smallest root u of f0 − f1 u + f2 u² − f3 u³: it has the branch with N > 0."""
     slope = f1
     u = 0.0
     square = f1 * f1 - 4.0 * f0 * f2

@@ -61,7 +61,7 @@ def x_intervals(
     geometry: Geometry, y: ArrayLike, theta: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the ends (lower, upper) of the reachable x [m] by reach, order, gap and stroke.
+    Return the ends (lower, upper) of the reachable x [m] from reach, order, gap and stroke.
 
     The ends are NaN if the interval is empty. Poses beyond N = 0 are included; `pose_map` returns
     N.

@@ -132,7 +132,7 @@ class Mechanism:
 
     def inverse_kinematics(self, pose: Pose) -> Carriages:
         """
-        Return the carriages of a pose [m] by eqs 7-9, with the lengths of each side.
+        Return the carriages of a pose [m] from eqs 7-9, with the lengths of each side.
 
         Raises a ParameterError or an UnreachableError, as `inverse_kinematics` of a geometry.
         """

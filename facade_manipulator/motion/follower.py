@@ -145,7 +145,7 @@ class SetpointFollower:
 
     def change_limits(self, limits: MotionLimits) -> None:
         """
-        Apply new limits from the next cycle; a motion beyond them brakes by the old limits.
+        Apply new limits from the next cycle; a motion beyond them brakes within the old limits.
 
         Lower limits reject no setpoint: the carriages arrive later.
         """

@@ -208,8 +208,8 @@ class PathLimiter:
         """
         Return whether a motion is inside a speed [m/s] and the other limits, and can remain there.
 
-        A motion beyond limits that were lowered must brake by the limits of its plan. A lower jerk
-        would end its acceleration too late, at an excessive speed.
+        A motion beyond limits that were lowered must brake within the limits of its plan. A lower
+        jerk would end its acceleration too late, at an excessive speed.
         """
         share = 1.0 + tolerance
         if not greatest(motion.acceleration) <= share * self.limits.acceleration:

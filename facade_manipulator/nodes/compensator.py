@@ -127,7 +127,7 @@ class CompensatorNode(BaseNode):
 
     def connect(self, ik_service: IkServiceNode | None) -> None:
         """
-        Receive the head's pose: by calls of an ik_service in this process, otherwise as messages.
+        Receive the head's pose through calls of an ik_service in this process, or as messages.
 
         Messages are also necessary if both nodes have remapped the topic to different names.
         """

@@ -159,7 +159,7 @@ def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:
     if axis.state in FAULTS:
         return 'error', axis.error or 'in fault, the drive sent no error code'
     if axis.state is None:
-        # Before the first SYNC is unanswered this is no fault: diagnostic_aggregator reports a
+        # Before the first SYNC is unanswered this is not a fault: diagnostic_aggregator reports a
         # stale component beside others as an error.
         return 'stale' if axis.missed else 'ok', 'no frame received yet'
     state = _words(axis.state) + ('' if axis.homed else ', not homed')

@@ -93,7 +93,7 @@ class IkServiceNode(BaseNode):
 
     def connect(self, compensator: CompensatorNode | None) -> None:
         """
-        Receive corrected poses: by calls of a compensator in this process, otherwise as messages.
+        Receive corrected poses through calls of a compensator in this process, or as messages.
 
         Messages are also necessary if both nodes have remapped the topic to different names.
         """

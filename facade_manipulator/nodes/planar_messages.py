@@ -91,7 +91,7 @@ def require_recent_command(name: str, stamp: float, now: float) -> None:
 
 
 def require_frame(frame_id: str, expected: str, name: str) -> None:
-    """Reject a message in another frame by an InputError with reason ``'frame'``."""
+    """Raise an InputError with reason ``'frame'`` for a message in another frame."""
     if frame_id != expected:
         raise InputError(
             'frame', f"{name} is in frame {quoted(frame_id)}, expected '{expected}'"
@@ -99,7 +99,7 @@ def require_frame(frame_id: str, expected: str, name: str) -> None:
 
 
 def require_finite(names: Sequence[str], values: Sequence[float], name: str) -> None:
-    """Reject values that are not finite by an InputError with reason ``'not_finite'``."""
+    """Raise an InputError with reason ``'not_finite'`` for values that are not finite."""
     if not all(map(math.isfinite, values)):
         part, value = next(
             pair

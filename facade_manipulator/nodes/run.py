@@ -72,8 +72,8 @@ def run(
     Run the nodes of a process until a signal or a lifecycle shutdown; return its exit status.
 
     The method ``close`` of each node is called while ROS still runs. A `ManipulatorError` at the
-    start ends in one line on standard error and exit status 2. An end of ROS without a signal has
-    exit status 1.
+    start ends in one line on standard error and exit status 2. After an end of ROS without a
+    signal it is 1.
     """
     signals: list[int] = []
     handle_signals(signal.default_int_handler)  # nothing moves yet: end at once

@@ -177,7 +177,7 @@ class Continuation:
         spread: np.ndarray,
         noise: np.ndarray,
     ) -> None:
-        """Score the forecasts of samples by the positions that were reached."""
+        """Score the forecasts of samples with the positions that were reached."""
         forecasts = np.array([sample.forecasts for sample in samples])
         forecasts = forecasts.transpose(1, 2, 0, 3)[..., self._group]
         forecast, continued, step = forecasts

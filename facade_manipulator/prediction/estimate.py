@@ -139,8 +139,9 @@ class EstimateGate:
         pose : Pose
             Published disturbance [m, m, rad].
         variances : sequence of float
-            Variances of x, y and θ [m², m², rad²], by the rule of `covariance`. The position of
-            an axis that was not measured is unknown. Its next known position may be anywhere.
+            Variances of x, y and θ [m², m², rad²], according to the rule of `covariance`. The
+            position of an axis that was not measured is unknown. Its next known position may be
+            anywhere.
         tilt : float
             Angle of the rail out of the plane [rad].
 

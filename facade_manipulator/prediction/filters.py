@@ -41,7 +41,7 @@ _RATES = BANDWIDTHS[:, None] * _POLES
 
 
 def _states_by_modes() -> np.ndarray:
-    """Return the matrix from both modes of a filter to p, v/ω and a/ω², by their real part."""
+    """Return the matrix from both modes of a filter to p, v/ω and a/ω², from their real part."""
     slope = np.polyder(_DENOMINATOR)
     rows = []
     for pole in _POLES:

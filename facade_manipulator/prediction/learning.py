@@ -109,7 +109,7 @@ class Learning:
         mean_interval: float,
         positions: Positions,
     ) -> None:
-        """Update the strength of the motion by the features, and learn if it is due."""
+        """Update the strength of the motion from the features, and learn if it is due."""
         floor = noise * (mean_interval * ACCELERATION_NOISE)
         forgotten = math.exp(-interval / PEAK_TIME) * self._peak
         squared = _SQUARED * seen[:, ACCELERATION_FEATURE] ** 2

@@ -58,7 +58,7 @@ def designs(length_sum: float = LENGTH_SUM, step: float = SWEEP_STEP) -> list[Le
     """
     Return the designs of Table 1 in steps [m] with a given l + b [m]; 0 means every sum.
 
-    Raises a ParameterError if Table 1 has no design with this sum.
+    Raises a ParameterError if Table 1 contains no design with this sum.
     """
     links = _steps(LINK_RANGE, step)
     if not length_sum:

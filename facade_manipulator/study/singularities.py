@@ -40,7 +40,7 @@ def parallel_curves(
     y = edge * np.linspace(0.0, 1.0, SEARCH_SAMPLES + 1)[:, None]
     numbers = number_at(geometry, y, theta)
 
-    # the sample with the greatest N is between both curves
+    # the sample with the largest N is between both curves
     highest = np.argmax(np.nan_to_num(numbers, nan=-np.inf), axis=0)[None]
     top = np.take_along_axis(y, highest, axis=0)[0]
     is_regular = np.take_along_axis(numbers, highest, axis=0)[0] > 0.0

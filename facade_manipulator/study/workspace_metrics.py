@@ -1,5 +1,5 @@
 """
-Workspace by exact intervals: ranges, areas, volume and good-condition share.
+Workspace from exact intervals: ranges, areas, volume and good-condition share.
 
 At fixed (y, θ) the reachable x are one interval (`kinematics.maps.x_intervals`), and neither the
 conditioning index nor N depends on x. At fixed y the reachable θ are one interval about zero. With
@@ -69,7 +69,7 @@ def theta_limits(geometry: Geometry, y: np.ndarray) -> np.ndarray:
 
 def theta_bounds(geometry: Geometry, y: np.ndarray) -> np.ndarray:
     """
-    Return the maximum ``|θ|`` by order, gap and reach at every y > 0 [rad].
+    Return the maximum ``|θ|`` from order, gap and reach at every y > 0 [rad].
 
     NaN where θ = 0 is not reachable. `theta_limits` also respects N = 0, which matters for links
     shorter than b.
@@ -180,7 +180,7 @@ def measure(
     geometry: Geometry, good: Good = PAPER_GOOD, cells: int = CELLS
 ) -> Workspace:
     """
-    Measure the workspace by reach, order, gap and stroke, poses beyond N = 0 included.
+    Measure the workspace from reach, order, gap and stroke, poses beyond N = 0 included.
 
     An index or N that passes its bound within a cell of θ divides this cell in proportion.
     """

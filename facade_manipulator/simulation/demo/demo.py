@@ -221,7 +221,7 @@ class Demo:
         for process in self.nodes.values():
             with suppress(subprocess.TimeoutExpired):
                 process.wait(DRIVER_TIMEOUT)
-            process.kill()  # likewise
+            process.kill()  # also no effect on an ended process
         if 'driver' in self.nodes:
             say(self.last_line('driver'))
 

@@ -135,7 +135,7 @@ def draw(run: Run) -> dict[str, bytes]:
 
 
 def errors(run: Run) -> Figure:
-    """Draw the errors over time and by frequency."""
+    """Draw the errors over time and over frequency."""
     made = figure(
         13, 9, 'Error of the head on the wall: RMS without → with compensation'
     )

@@ -6,7 +6,7 @@ A mode makes the position demand and returns its own bits of the statusword.
 References
 ----------
 IEC 61800-7-201 (CiA 402-2): homing and cyclic synchronous position mode, homing methods 1 to 37.
-Maxon defines the methods -1 to -4, which find a hard stop by the motor current.
+Maxon defines the methods -1 to -4, which find a hard stop from the motor current.
 
 """
 

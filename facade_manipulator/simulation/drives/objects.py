@@ -4,7 +4,8 @@ Object dictionary of a simulated drive, with its SDO server, NMT slave and EMCY 
 The node is the `LocalNode` of canopen, with three differences for a simulated drive:
 
 - its `Network` sends on a bus and repeats the heartbeat in a thread; an `Outbox` stores both,
-- its `data_store` has bytes; `values` has numbers, which modes and motor read at each step,
+- its `data_store` contains bytes; `values` contains numbers, which modes and motor read at each
+  step,
 - this module also checks limits and stores parameters (1010h).
 
 References

@@ -235,7 +235,7 @@ class SimulatedAxis:
         self._enter(State.FAULT_REACTION_ACTIVE if makes_ramp else State.FAULT)
 
     def lose_connection(self) -> None:
-        """React to a lost master, an NMT stop or a reset, by 6007h or its replacement."""
+        """React to a lost master, an NMT stop or a reset, as 6007h or its replacement demands."""
         option = self._values.get((self._objects.profile.lost_master_reaction, 0), 0)
         if option in _CONNECTION_COMMANDS:
             self._obey(_CONNECTION_COMMANDS[option])

@@ -1,7 +1,7 @@
 """
 Scenarios: a YAML file describes the gondola, the wind, the sensors and the mission.
 
-Each section of a file is one of the dataclasses below. A missing value has the default of the
+Each section of a file is one of the dataclasses below. A missing value keeps the default of the
 dataclass.
 """
 
@@ -23,7 +23,7 @@ from facade_manipulator.parameters import from_mapping, read_value
 
 @dataclass(frozen=True)
 class Gondola:
-    """The gondola on its cables; config/gondola.xml has the other numbers."""
+    """The gondola on its cables; config/gondola.xml contains the other numbers."""
 
     cable_length: float = 30.0  #: [m]
     #: of either end from the middle; 0 lets the gondola yaw freely [m]
@@ -44,7 +44,7 @@ class Wind:
 
 
 def _require_triples(name: str, rows: Sequence[Any], meaning: str) -> None:
-    """Raise a ParameterError for a row that does not have three numbers."""
+    """Raise a ParameterError for a row that does not contain three numbers."""
     for row in rows:
         is_triple = isinstance(row, Sequence) and len(row) == 3
         if not is_triple or not all(isinstance(one, (int, float)) for one in row):
@@ -107,7 +107,7 @@ class Estimator:
 
 @dataclass(frozen=True)
 class Wall:
-    """The wall and the brush between head and wall; config/gondola.xml has the other numbers."""
+    """Wall and brush between head and wall; config/gondola.xml contains the other numbers."""
 
     #: whether the mission presses on it and has a force sensor
     is_touched: bool = False
@@ -193,7 +193,8 @@ def load_scenario(name: str) -> Scenario:
     Raises
     ------
     ParameterError
-        If the file cannot be read, or has an unknown section or value, or a value of a wrong type.
+        If the file cannot be read, or contains an unknown section or value, or a value of a wrong
+        type.
 
     """
     names = scenario_names()

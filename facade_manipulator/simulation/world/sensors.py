@@ -120,7 +120,7 @@ class RawSensors(DelayedQueue):
         return tuple((true + offset + noise).tolist())
 
     def _place_error(self, name: str, data: Any) -> float:
-        """Return the error [m] by dirt, texture and unevenness of a place on the wall."""
+        """Return the error [m] due to dirt, texture and unevenness of a place on the wall."""
         place = data.site('camera' if name == 'fix_x' else name).xpos[0]
         waves = np.cos(self._wave_numbers * place + self._phases[name])
         return PLACE_NOISE * math.sqrt(2.0 / WAVES) * float(waves.sum())

@@ -20,9 +20,9 @@ def read_table(
     """
     Return columns of a CSV file in SI units, shape (n, number of columns).
 
-    A column has its plain name (m, rad) or a unit at its end: ``x_mm``, ``theta_deg``. Columns are
-    separated by commas, or by semicolons with decimal commas. Missing optional columns and cells
-    become NaN. Columns that begin with ``goal`` or ``note`` are not read.
+    The name of a column is plain (m, rad) or ends with a unit: ``x_mm``, ``theta_deg``. Columns
+    are separated by commas, or by semicolons with decimal commas. Missing optional columns and
+    cells become NaN. Columns that begin with ``goal`` or ``note`` are not read.
 
     Raises
     ------

@@ -253,7 +253,7 @@ def _fit_rows(
     used = measured
 
     def residuals(scaled: np.ndarray) -> np.ndarray:
-        """Return those of the used numbers, and those of the drawing."""
+        """Return the errors of the used numbers, and those of the drawing."""
         return np.append(misses(scaled)[used], scaled)
 
     if measured.sum() <= count:

@@ -74,5 +74,5 @@ def unidentified(
 
 
 def deviation(residuals: np.ndarray) -> np.ndarray:
-    """Return the standard deviation of each column about 0 by its median."""
+    """Return the standard deviation of each column about 0 from its median."""
     return np.asarray(1.4826 * np.median(np.abs(residuals), axis=0))

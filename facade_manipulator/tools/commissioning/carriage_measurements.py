@@ -76,7 +76,7 @@ def run_jog(context: Context) -> None:
 
 
 def _move(context: Context, distance: float) -> float:
-    """Move by a distance [m]; return and print the displacement by the encoder [m]."""
+    """Move by a distance [m]; return and print the displacement according to the encoder [m]."""
     name = context.options.axis
     speed = context.options.speed
     with powered(context, f'by {MM * distance:+g} mm', abs(distance), speed) as motion:

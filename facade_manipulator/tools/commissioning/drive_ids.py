@@ -1,5 +1,5 @@
 """
-Commands `scan` and `assign`: a list of the drives on the bus, and node ids by LSS.
+Commands `scan` and `assign`: a list of the drives on the bus, and node ids through LSS.
 
 References
 ----------

@@ -1,7 +1,7 @@
 """
 Procedure common to all commands: print the action, ask once, act, write the result.
 
-A `Context` has the parameter files, the operator at the terminal and the bus. The results are in
+A `Context` keeps the parameter files, the operator at the terminal and the bus. The results are in
 one file, `Overlay`, which nodes load after the parameter file.
 """
 

@@ -112,7 +112,7 @@ def run_stop_test(context: Context) -> None:
             if way == QUICK_STOP:
                 problems += _weakness(name, measured, axis.settings.stop_deceleration)
             else:
-                # `stopping` subtracts SCATTER, so that it assumes at most the least value
+                # `stopping` subtracts SCATTER, so that it assumes at most the minimum
                 highest = measured.least / (1.0 - SCATTER)
                 coasting = min(coasting, measured.best, highest)
     files = ' '.join(map(str, context.files))

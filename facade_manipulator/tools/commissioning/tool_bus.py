@@ -84,7 +84,7 @@ class ToolBus:
         Receive frames until a condition holds or a timeout [s]; return the condition.
 
         If this process was interrupted, frames wait that arrived before the timeout. They are
-        received, too. A condition may itself ask a drive: the wait then ends later, and an error
+        also received. A condition may itself ask a drive: the wait then ends later, and an error
         of the condition ends it.
         """
         end = self.monotonic() + timeout
