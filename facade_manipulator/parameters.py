@@ -432,7 +432,7 @@ def read_parameters(paths: Sequence[Path], node: str) -> dict[str, Any]:
     }
     if len(machines) > 1:
         raise ParameterError(
-            f'{paths[-1]} has sections of several machines: '
+            f'{paths[-1]} contains sections of several machines: '
             f'{", ".join(sections)}; next: give each machine its own file'
         )
 

@@ -63,7 +63,7 @@ def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
     try:
         dictionary = eds.import_eds(_normalised(text), node_id)
         if not dictionary:
-            raise ValueError('it has no objects')
+            raise ValueError('it contains no objects')
     except Exception as error:  # the library raises any error for a maker's file
         reason = ' '.join(str(error).split())
         raise ParameterError(

@@ -295,7 +295,7 @@ class Group:
             found.append('still moving')
         missed = axis.answers.missed_in_a_row
         if missed:
-            found.append(f'by its last answer, {missed} cycles ago')
+            found.append(f'according to its last answer, {missed} cycles ago')
         return (
             f'{axis.name} {failure or f"did not {step.purpose}"}: '
             f'it is {", ".join(found)}'

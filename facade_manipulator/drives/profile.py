@@ -296,7 +296,7 @@ def _table(where: str, data: Any, names: Collection[str]) -> dict[str, Any]:
         raise TypeError(f'{where} is {data!r}, not a table')
     for name, value in data.items():
         if name not in names:
-            raise ValueError(f'{where} has the unknown entry {name}')
+            raise ValueError(f'{where} contains the unknown entry {name}')
         for element in value if isinstance(value, list) else (value,):
             _checked(name, element)
     return data

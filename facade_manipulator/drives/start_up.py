@@ -126,7 +126,7 @@ def start_nodes(controller: DriveController) -> Steps[None]:
         controller,
         is_operational,
         controller.settings.step_timeout,
-        'did not confirm by its heartbeat that it is operational',
+        'did not confirm with its heartbeat that it is operational',
     )
 
 

@@ -111,8 +111,8 @@ class TargetSupervisor:
             window = axis.settings.following_error_window
             if abs(error) > window:
                 yield Cause(
-                    f'{axis.title} is {error:.4g} m behind its targets by its positions, '
-                    f'above the limit {window:g} m (following_error_window)',
+                    f'{axis.title} is {error:.4g} m behind its targets according to its '
+                    f'positions, above the limit {window:g} m (following_error_window)',
                     Remedy.TRACKING,
                     axis.name,
                 )

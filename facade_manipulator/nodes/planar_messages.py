@@ -201,7 +201,7 @@ def carriages_from(
     """
     if len(values) != len(names):
         raise InputError(
-            'names', f'{name} has {len(values)} values for {len(names)} names'
+            'names', f'{name} contains {len(values)} values for {len(names)} names'
         )
     if tuple(names) != AXIS_NAMES and sorted(names) != sorted(AXIS_NAMES):
         raise InputError(

@@ -241,7 +241,7 @@ def _require_own_names(nodes: Sequence[BaseNode]) -> None:
             raise ParameterError(
                 f'node name rejected: {node.get_name()}, required is {node.own_name}, which '
                 'topics, services and parameter files contain; next: replace the remapping of '
-                f'__node by a namespace, such as -r __ns:=/{node.get_name()}'
+                f'__node with a namespace, such as -r __ns:=/{node.get_name()}'
             )
 
 

@@ -65,8 +65,8 @@ def read_estimator_recording(
     for topic, rows in zip((disturbance, joints, wall), series, strict=True):
         if not rows:
             raise CalibrationError(
-                f'{path} rejected: it has no valid message of {topic}; next: record that topic, '
-                'or give --namespace'
+                f'{path} rejected: it contains no valid message of {topic}; next: record that '
+                'topic, or give --namespace'
             )
     return EstimatorRecording(*map(np.array, series))
 

@@ -83,7 +83,7 @@ def _move(context: Context, distance: float) -> float:
         for _ in motion.go(math.copysign(speed, distance)):
             pass
         went = motion.rest()[name].position or 0.0
-    print(f'{name} moved {MM * went:+.2f} mm by its encoder.')
+    print(f'{name} moved {MM * went:+.2f} mm according to its encoder.')
     return went
 
 
@@ -96,7 +96,7 @@ def run_lead(context: Context) -> None:
     )
     went = MM * _move(context, context.options.travel)
     text = context.options.measured or context.ask(
-        'How many mm by the ruler (to the left: negative)?', '--measured'
+        'How many mm on the ruler (to the left: negative)?', '--measured'
     )
     try:
         ratio = float(text.replace(',', '.').removesuffix('mm')) / (went or math.nan)
@@ -150,8 +150,8 @@ def run_home_switch(context: Context) -> None:
     ]
     if not methods:
         raise CommissioningError(
-            f'profile {axis.profile} rejected: it has no homing method for '
-            'this switch; next: home by another method'
+            f'profile {axis.profile} rejected: it lists no homing method for '
+            'this switch; next: home with another method'
         )
     context.record(f'home-switch {name}', {f'{name}.homing_method': methods[0]})
 

@@ -120,7 +120,7 @@ def run_assign(context: Context) -> None:
                 )
     if missing := node_ids.keys() - given.keys():
         raise CommissioningError(
-            f'no drive was found by fastscan for {", ".join(sorted(missing))}; next: check '
+            f'no drive was found with fastscan for {", ".join(sorted(missing))}; next: check '
             'its plug, assign --lss-timeout 0.5, or use its switches or the tool of its maker'
         )
     profile, *others = {fitting_profile(*one[:2]) for one in given.values()}
@@ -172,8 +172,8 @@ def _configure(
         set_node_id(master, node_id, selected, is_stored)
     except LssError as error:
         raise CommissioningError(
-            f'no drive has confirmed a node id by LSS ({error}); next: switch power off and on, '
-            'repeat, or set node ids by switches or in the tool of their maker'
+            f'no drive has confirmed a node id through LSS ({error}); next: switch power off and '
+            'on, repeat, or set node ids with switches or in the tool of their maker'
         ) from error
     bus.frames.command('RESET COMMUNICATION', 0)
     bus.wait_for(

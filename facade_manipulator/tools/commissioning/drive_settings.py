@@ -107,7 +107,7 @@ def differences(
     modes = yield from read(indices.SUPPORTED_MODES, 0)
     if modes is not None and not modes & _CYCLIC_POSITION:
         found.append(
-            f'it has no cyclic synchronous position (6502h = {modes:X}h, bit 7)'
+            f'it does not support cyclic synchronous position (6502h = {modes:X}h, bit 7)'
         )
     return found
 
@@ -127,7 +127,9 @@ def run_backup(context: Context) -> None:
     dictionary.node_id = drive.node_id
     with atomic_write(path) as draft, draft.open('w', encoding='utf-8') as file:
         export_od(dictionary, file, 'dcf')
-    print(f'{path} has {len(values)} objects of {name}, those that {eds.name} names.')
+    print(
+        f'{path} contains {len(values)} objects of {name}, those that {eds.name} names.'
+    )
     context.record(f'backup {name}', {})
 
 

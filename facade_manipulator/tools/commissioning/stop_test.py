@@ -125,13 +125,13 @@ def _weakness(name: str, measured: Deceleration, configured: float) -> Iterator[
     least = _LEAST_SHARE * configured
     if measured.most < configured:
         yield (
-            f'{name}: {QUICK_STOP} decelerates by {measured}, below axes.stop_deceleration = '
+            f'{name}: {QUICK_STOP} decelerates with {measured}, below axes.stop_deceleration = '
             f'{configured:g} m/s^2; next: {REMEDIES[QUICK_STOP]}, or reduce '
             'axes.stop_deceleration'
         )
     elif measured.least < least:
         yield (
-            f'{name}: {QUICK_STOP} decelerates by {measured}, and its least value is below '
+            f'{name}: {QUICK_STOP} decelerates with {measured}, and its minimum is below '
             f'{least:g} m/s^2, {_LEAST_SHARE:g} of axes.stop_deceleration: this is not known '
             'closely enough; next: repeat with commission stop-test --speed 300'
         )
