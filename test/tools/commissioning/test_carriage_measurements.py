@@ -84,7 +84,7 @@ def test_motion_beyond_its_bounds_is_rejected(rig, capsys, words):
 
 
 def test_lead_is_corrected_by_the_ruler(rig):
-    rig.answers['the ruler'] = '3,0 mm'
+    rig.answers['on the ruler'] = '3,0 mm'
     assert rig.run('lead', 'q3', '--travel', '6', yes=False) == 0
     assert rig.parameters['q3.lead'] == pytest.approx(0.01, rel=1e-3)
 

@@ -65,7 +65,7 @@ def test_commissioning_page_leads_to_a_machine_that_homes(make_rig, capsys):
                 rig.push(AXIS_NAMES.index(words[1]), 3.0)
             mark = rig.places
             number = AXIS_NAMES.index(words[1]) if words[:1] == ['lead'] else 0
-            rig.answers['the ruler'] = lambda _, mark=mark, number=number: (
+            rig.answers['on the ruler'] = lambda _, mark=mark, number=number: (
                 f'{1e3 * (rig.places[number] - mark[number]):.2f}'
             )
             is_first = words == ['scan'] and 'assign' not in rig.overlay.steps()
