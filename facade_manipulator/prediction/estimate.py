@@ -112,6 +112,8 @@ class EstimateGate:
         position = settings.position_noise
         self._noise = (position, position, settings.yaw_noise)
         self._mounting = Pose(*settings.mounting)
+        self._turned_mounting = self._mounting._replace(theta=settings.axes)
+        self._from_mounting = invert(self._mounting)
         cosine = _square(math.cos(settings.axes))
         sine = _square(math.sin(settings.axes))
         # squared derivatives of the rail's x, y, theta by the published ones
@@ -168,7 +170,9 @@ class EstimateGate:
         largest = self.settings.largest_deviation
         measured = tuple(map(is_measured, variances, largest))
         place = self._of_rail(pose)
-        known = tuple([self._is_known(row, measured) for row in self._squares])
+        known = measured
+        if not all(measured):
+            known = tuple([self._is_known(row, measured) for row in self._squares])
         self._check_range(place, known)
         require_recent(
             'disturbance', now - stamp, OLDEST_ESTIMATE, ESTIMATE_CLOCK_TOLERANCE
@@ -197,9 +201,9 @@ class EstimateGate:
 
     def _of_rail(self, pose: Pose) -> Pose:
         """Return the pose of the rail for a published disturbance, with θ wrapped."""
-        x, y, _ = compose(self._mounting._replace(theta=self.settings.axes), pose)
-        place = compose(Pose(x, y, pose.theta), invert(self._mounting))
-        return place._replace(theta=wrap_angle(place.theta))
+        x, y, _ = compose(self._turned_mounting, pose)
+        x, y, theta = compose(Pose(x, y, pose.theta), self._from_mounting)
+        return Pose(x, y, wrap_angle(theta))
 
     @staticmethod
     def _is_known(squares: Sequence[float], measured: Sequence[bool]) -> bool:
