@@ -167,7 +167,8 @@ def estimated_pose(
     message: Any, name: str
 ) -> tuple[Pose, OutOfPlane, tuple[float, float, float]]:
     """Return pose [m, m, rad], difference from the plane, and variances of a message."""
-    x, y, yaw = (float(message.pose.covariance[k]) for k in VARIANCES)
+    covariance = message.pose.covariance
+    x, y, yaw = [float(covariance[k]) for k in VARIANCES]
     return *projected(message.pose.pose, name), (x, y, yaw)
 
 
