@@ -117,8 +117,10 @@ class Doubt:
 
             decisions.append(detector.evaluate(stamp, error, deviation, is_followed))
 
+        was_any_doubted = self.is_any_doubted
         doubted = [one.is_doubted for one in self._detectors]
         self.is_any_doubted = any(doubted)
-        self.is_doubted = np.array(doubted)
-        self.is_wrong = np.array([one.is_wrong for one in self._detectors])
+        if was_any_doubted or self.is_any_doubted:  # otherwise nothing has changed
+            self.is_doubted = np.array(doubted)
+            self.is_wrong = np.array([one.is_wrong for one in self._detectors])
         return decisions

@@ -138,18 +138,18 @@ class FilterBank:
         self.doubted = np.where(is_doubted[:, None, None], self.doubted, 0.0)
 
     def features(
-        self, without: np.ndarray | float = 0.0
+        self, without: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """
         Return the features, shape (axes, FEATURES), and the level, shape (axes,) [m or rad].
 
         Parameters
         ----------
-        without : numpy.ndarray, shape (axes, bandwidths, 2)
+        without : numpy.ndarray, shape (axes, bandwidths, 2), optional
             Modes to subtract [m or rad].
 
         """
-        modes = self.modes - without
+        modes = self.modes if without is None else self.modes - without
         seen = modes.view(float).reshape(len(modes), -1) @ _OUTPUT
         return seen[:, :-1], seen[:, -1]
 

@@ -157,9 +157,18 @@ class DisturbancePredictor:
     ) -> bool:
         """Expect, decide and filter; return whether the estimator has stepped."""
         expected = self._doubt.expected(stamp)
-        error = measured - self._origin - expected
-        has_stepped = self._decide(stamp, interval, measured, error, noise)
-        error = np.where(has_stepped, 0.0, error)
+        values = measured - self._origin
+        error = values - expected
+        variance = self._learning.variance
+        was_doubted = self._doubt.is_any_doubted
+        self._doubt.fade(self._interval, noise)
+        decisions = self._doubt.decide(stamp, interval, values, error, variance)
+
+        has_stepped = False
+        if was_doubted:  # otherwise no doubt can end
+            steps = self._end_doubts(decisions, error)
+            error = np.where(steps, 0.0, error)
+            has_stepped = bool(steps.any())
 
         is_wrong = self._doubt.is_wrong
         self._filter(stamp, interval, expected, error)
@@ -167,30 +176,19 @@ class DisturbancePredictor:
         self._values = expected + error - self._left_out
         for decided in self._positions.decided(stamp - DECISION_TIME):
             self._learning.tones.add(*decided)
-        return bool(has_stepped.any())
+        return has_stepped
 
-    def _decide(
-        self,
-        stamp: float,
-        interval: float,
-        measured: np.ndarray,
-        error: np.ndarray,
-        noise: np.ndarray,
+    def _end_doubts(
+        self, decisions: list[JumpDecision], error: np.ndarray
     ) -> np.ndarray:
-        """Decide which estimates are wrong; return the axes whose estimator has stepped."""
-        values = measured - self._origin
-        variance = self._learning.variance
-        was_doubted = self._doubt.is_any_doubted
-        self._doubt.fade(self._interval, noise)
-        decisions = self._doubt.decide(stamp, interval, values, error, variance)
+        """Apply decisions that end doubts; return the axes whose estimator has stepped."""
         has_stepped = np.array([one is JumpDecision.STEP for one in decisions])
         were_wrong = np.array([one is JumpDecision.WRONG for one in decisions])
         were_wrong |= has_stepped
 
         self._origin = np.where(has_stepped, self._origin + error, self._origin)
-        if was_doubted:  # otherwise no doubt can end
-            self._bank.end_doubt(were_wrong, self._doubt.is_doubted)
-            self._positions.settle(~self._doubt.is_wrong, ~were_wrong)
+        self._bank.end_doubt(were_wrong, self._doubt.is_doubted)
+        self._positions.settle(~self._doubt.is_wrong, ~were_wrong)
         return has_stepped
 
     def _filter(
@@ -221,7 +219,9 @@ class DisturbancePredictor:
     def _forecast(self, interval: float, noise: np.ndarray) -> None:
         """Learn if it is due, forecast the positions, and store the sample for later learning."""
         learning = self._learning
-        wrong = self._doubt.is_wrong[:, None, None] * self._bank.doubted
+        wrong = None
+        if self._doubt.is_any_doubted:
+            wrong = self._doubt.is_wrong[:, None, None] * self._bank.doubted
         seen, level = self._bank.features(wrong)
         learning.update(
             self.stamp, interval, seen, noise, self._interval, self._positions
@@ -235,13 +235,14 @@ class DisturbancePredictor:
         tones = learning.tones.at(self.stamp, HORIZONS)
         step = _clipped(tones - continued, bound)
         forecast = continued + learning.trust * step
-        self._doubt.trust(self.stamp, splines(forecast).tolist())
 
         self._reduction.update(interval, self._values)
         final = self._reduction.reduced(interval, forecast)
-        pieces = splines(final)
-        pieces[..., 0] += self._origin[:, None]
-        self._splines: list[Pieces] = pieces.tolist()
+        pieces = splines(np.array((forecast, final)))
+        pieces[1, ..., 0] += self._origin[:, None]
+        newest, at_origin = pieces.tolist()
+        self._doubt.trust(self.stamp, newest)
+        self._splines: list[Pieces] = at_origin
 
         is_doubted = self._doubt.is_any_doubted
         self._positions.add(self.stamp, self._values, self._left_out, is_doubted)

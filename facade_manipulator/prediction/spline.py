@@ -45,8 +45,9 @@ _SPLINE = _matrix()
 
 
 def splines(positions: np.ndarray) -> np.ndarray:
-    """Return the coefficients, shape (axes, pieces, 4), of positions, shape (axes, HORIZONS)."""
-    return (positions @ _SPLINE).reshape(-1, len(_KNOTS) + 1, 4)
+    """Return the coefficients, shape (..., pieces, 4), of positions, shape (..., HORIZONS)."""
+    shape = (*positions.shape[:-1], len(_KNOTS) + 1, 4)
+    return (positions @ _SPLINE).reshape(shape)
 
 
 def motion(pieces: Pieces, t: float) -> tuple[float, float]:
