@@ -55,7 +55,7 @@ def run_with_ros(name: str, module: str) -> int:
     middleware = os.environ.get('RMW_IMPLEMENTATION', OF_WHEELS)
     if find_spec('ros_wheels_bootstrapper') and middleware != OF_WHEELS:
         print(
-            f'{name}: RMW_IMPLEMENTATION={middleware} rejected: the wheels of ROS 2 have only '
+            f'{name}: RMW_IMPLEMENTATION={middleware} rejected: the wheels of ROS 2 contain only '
             f'{OF_WHEELS}; next: unset RMW_IMPLEMENTATION',
             file=sys.stderr,
         )

@@ -216,7 +216,7 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Steps[list[str]]:
             _UNIT_BITS,
             f'{ramp} per second',
         ),
-        (indices.POLARITY, 0, 0xFF, "no polarity: the axis's direction has the sign"),
+        (indices.POLARITY, 0, 0xFF, "no polarity: the axis's direction sets the sign"),
     ):
         found = yield from read(index, 0)
         if found and (found ^ expected) & used:

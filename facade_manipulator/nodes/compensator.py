@@ -188,7 +188,7 @@ class CompensatorNode(BaseNode):
         if not child:
             raise InputError(
                 'frame',
-                'disturbance_odometry has no child_frame_id, expected '
+                'disturbance_odometry contains no child_frame_id, expected '
                 f"'{self._frames.rail}' or the estimator's own",
             )
         place, self._out_of_plane, variances = planar_messages.estimated_pose(

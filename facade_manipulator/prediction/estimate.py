@@ -41,14 +41,14 @@ class EstimateSettings:
     """Noise, mounting and time of the estimates of the disturbance."""
 
     position_noise: float = parameter(
-        'Standard deviation in x and y if the message has none',
+        'Standard deviation in x and y if the message contains none',
         default=1e-3,
         unit='m',
         minimum=1e-5,
         maximum=1.0,
     )
     yaw_noise: float = parameter(
-        'Standard deviation in yaw if the message has none',
+        'Standard deviation in yaw if the message contains none',
         default=1.75e-3,
         unit='rad',
         minimum=1e-5,
