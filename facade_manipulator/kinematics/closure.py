@@ -32,15 +32,10 @@ from facade_manipulator.kinematics.geometry import Sides
 from facade_manipulator.kinematics.links import branch_number, links
 
 MAXIMUM_REACH = 200.0  # m, maximum l + b of a geometry; no power of it overflows
-# such a step leaves an error of its square, and the refinement squares that error
-STEP_TOLERANCE = 1e-5
+
+
 # m and rad: a Newton step on the links below this size changes no digit that matters
 POLISHED = 1e-8
-CLOSED = 1e-9  # m², tolerance of a link's squared length
-ITERATIONS = 100
-FLAT = 1e-6  # m, distance from the rail below which the rounding of y² decides
-# tolerance of a root of the cubic; a double root has half the digits
-ROOT_TOLERANCE = 1e-7
 
 
 def assemble(sides: Sides, left: float, right: float) -> tuple[float, float]:
@@ -76,6 +71,11 @@ def assemble(sides: Sides, left: float, right: float) -> tuple[float, float]:
     if link1 != link2 or half1 != half2:
         require_branch(sides, left, right, y, theta)
     return y, theta
+
+
+FLAT = 1e-6  # m, distance from the rail below which the rounding of y² decides
+# tolerance of a root of the cubic; a double root has half the digits
+ROOT_TOLERANCE = 1e-7
 
 
 def platforms(
@@ -195,6 +195,9 @@ def _polish(
         theta += dtheta
 
 
+CLOSED = 1e-9  # m², tolerance of a link's squared length
+
+
 def require_branch(
     sides: Sides, left: float, right: float, y: float, theta: float
 ) -> None:
@@ -230,6 +233,11 @@ def require_regular(number: float) -> None:
         raise SingularityError(
             'N', number, 0.0, 'm2', 'at or beyond the parallel singularity, not above'
         )
+
+
+# such a step leaves an error of its square, and the refinement squares that error
+STEP_TOLERANCE = 1e-5
+ITERATIONS = 100
 
 
 def _least_root(f0: float, f1: float, f2: float, f3: float) -> float:

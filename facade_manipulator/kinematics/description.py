@@ -18,21 +18,6 @@ from facade_manipulator.kinematics.geometry import AXIS_NAMES, Geometry, Pose
 from facade_manipulator.kinematics.mechanism import Mechanism
 from facade_manipulator.kinematics.planar import compose, ZERO_POSE
 
-# Sizes of the boxes in the picture [m]. A carriage is as long as the gap, so that two carriages
-# touch at their minimum distance.
-RAIL_DEPTH = 0.03
-RAIL_HEIGHT = 0.02
-CARRIAGE_DEPTH = 0.05
-CARRIAGE_HEIGHT = 0.03
-THINNEST_CARRIAGE = 0.004
-LINK_WIDTH = 0.012
-PLATFORM_WIDTH = 0.018
-GUIDE_WIDTH = 0.006
-HEAD_LENGTH = 0.06
-HEAD_WIDTH = 0.012
-COLOURS = {'dark': '0.35 0.35 0.35 1', 'grey': '0.6 0.6 0.6 1', 'blue': '0 0.45 0.7 1'}
-AXIS_VECTORS = {'x': '1 0 0', 'y': '0 1 0', 'z': '0 0 1'}
-
 
 class JointPoints(NamedTuple):
     """
@@ -134,6 +119,9 @@ def positions(mechanism: Mechanism, head: Pose) -> tuple[float, ...]:
     return (a1[0], a2[0], a3[0], platform.y, platform.theta, swing1, swing2)
 
 
+COLOURS = {'dark': '0.35 0.35 0.35 1', 'grey': '0.6 0.6 0.6 1', 'blue': '0 0.45 0.7 1'}
+
+
 def urdf(geometry: Geometry, prefix: str = '') -> str:
     """Return the URDF of a geometry; the prefix precedes the names of the links, as in TF."""
     robot = Element('robot', name='facade_manipulator')
@@ -159,6 +147,9 @@ def _add_box(link: Element, box: Box) -> None:
     shape = SubElement(visual, 'geometry')
     SubElement(shape, 'box', size=_text(box.size))
     SubElement(visual, 'material', name=box.colour)
+
+
+AXIS_VECTORS = {'x': '1 0 0', 'y': '0 1 0', 'z': '0 0 1'}
 
 
 def _add_joint(
@@ -197,6 +188,20 @@ def _range(geometry: Geometry, joint: TreeJoint) -> tuple[float, float] | None:
         reach = max(geometry.link_lengths) + max(geometry.half_lengths)
         return -reach, reach
     return None
+
+
+# Sizes of the boxes in the picture [m]. A carriage is as long as the gap, so that two carriages
+# touch at their minimum distance.
+RAIL_DEPTH = 0.03
+RAIL_HEIGHT = 0.02
+CARRIAGE_DEPTH = 0.05
+CARRIAGE_HEIGHT = 0.03
+THINNEST_CARRIAGE = 0.004
+LINK_WIDTH = 0.012
+PLATFORM_WIDTH = 0.018
+GUIDE_WIDTH = 0.006
+HEAD_LENGTH = 0.06
+HEAD_WIDTH = 0.012
 
 
 def _boxes(geometry: Geometry) -> Iterator[Box]:

@@ -45,7 +45,6 @@ from facade_manipulator.kinematics.geometry import Sides
 if TYPE_CHECKING:
     import numpy as np
 
-_TINY = 1e-300  # avoids NaN from 0/0
 # The tuple s, c, u1, u2, s1, s2: named fields would cost as much time as computing the values.
 Links = tuple[float, float, float, float, float, float]
 Number = TypeVar('Number', float, 'np.ndarray')
@@ -102,6 +101,9 @@ def branch_number(
     e1 = u1 * cosine + s1 * sine
     e2 = u2 * cosine - s2 * sine
     return half2 / mean * u1 * e2 + half1 / mean * u2 * e1
+
+
+_TINY = 1e-300  # avoids NaN from 0/0
 
 
 def squared_index(at: AnyLinks[Number], ratio1: float, ratio2: float) -> Number:

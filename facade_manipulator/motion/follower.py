@@ -33,15 +33,7 @@ from facade_manipulator.motion.setpoints import (
 from facade_manipulator.motion.timed_buffer import TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
-# factor on the limits: carriages lag up to here; a setpoint beyond is wrong
-TOLERATED = 2.0
 OLDEST_SETPOINT = 0.2  # s, maximum age of a setpoint: an older one is useless
-EARLIEST = 0.5  # s, the longest horizon of a compensator: beyond it a clock is wrong
-
-# causes of a brake
-STREAM_SILENT = 'no setpoint was received for longer than stream.stale_after'
-STREAM_ENDED = 'the driver ended the stream of setpoints'
-LIMITS_LOWERED = 'the carriages were faster than the lowered limits'
 
 
 @settings
@@ -101,6 +93,16 @@ class SetpointFollower:
 
     """
 
+    # factor on the limits: carriages lag up to here; a setpoint beyond is wrong
+    TOLERATED = 2.0
+    # s, the longest horizon of a compensator: beyond it a clock is wrong
+    EARLIEST = 0.5
+
+    # causes of a brake
+    STREAM_SILENT = 'no setpoint was received for longer than stream.stale_after'
+    STREAM_ENDED = 'the driver ended the stream of setpoints'
+    LIMITS_LOWERED = 'the carriages were faster than the lowered limits'
+
     def __init__(
         self,
         settings: StreamSettings,
@@ -150,8 +152,8 @@ class SetpointFollower:
         Lower limits reject no setpoint: the carriages arrive later.
         """
         self._limiter = PathLimiter(limits, self._period)
-        self._fastest = max(self._fastest, TOLERATED * limits.speed)
-        self._hardest = max(self._hardest, TOLERATED * limits.acceleration)
+        self._fastest = max(self._fastest, self.TOLERATED * limits.speed)
+        self._hardest = max(self._hardest, self.TOLERATED * limits.acceleration)
 
     def reset(self, positions: PerCarriage) -> None:
         """Hold at measured positions [m] and forget the stream."""
@@ -209,7 +211,7 @@ class SetpointFollower:
             )
 
         self._check(setpoint.position)
-        require_recent('setpoint', now - setpoint.time, OLDEST_SETPOINT, EARLIEST)
+        require_recent('setpoint', now - setpoint.time, OLDEST_SETPOINT, self.EARLIEST)
         last = self._predecessor(setpoint.time, now)
         is_first = last is None
         if last is None:
@@ -314,7 +316,7 @@ class SetpointFollower:
         """Return the motion to the target if a path from there to rest exists, else braking."""
         limiter = self._limiter
         if not limiter.allows(before, limiter.limits.speed):
-            return self._brake(before, LIMITS_LOWERED)
+            return self._brake(before, self.LIMITS_LOWERED)
 
         limiter.speed = min(limiter.limits.speed, self._fastest_at(before.position))
         motion = limiter.reach(before, position, velocity)
@@ -360,7 +362,7 @@ class SetpointFollower:
 
     def _silence(self) -> str:
         """Return why the stream has no target."""
-        return STREAM_SILENT if self._stream.newest() else STREAM_ENDED
+        return self.STREAM_SILENT if self._stream.newest() else self.STREAM_ENDED
 
     def _brake(self, before: CarriageMotion, cause: str) -> CarriageMotion:
         """Return the next motion on the path to rest that was checked with the present motion."""

@@ -19,10 +19,6 @@ from facade_manipulator.kinematics import (
 from facade_manipulator.motion.trajectory import AXIS_COUNT, plan_trajectory
 from facade_manipulator.parameters import parameter, settings
 
-SHORTEST_MOVE = 1e-9  # m or rad, minimum distance of an axis that moves
-# s: the path is within 1e-18 m of its end, and a clock since 1970 resolves a quarter of it
-LAST_INSTANT = 1e-6
-
 
 @settings
 class ReferenceSettings:
@@ -80,6 +76,9 @@ class ReferencePath:
     The path to a new goal begins with the present motion. From rest it is straight.
     """
 
+    # s: the path is within 1e-18 m of its end, and a clock since 1970 resolves a quarter of it
+    LAST_INSTANT = 1e-6
+
     def __init__(self, settings: ReferenceSettings) -> None:
         self.settings = settings
         self.goal: Pose | None = None  #: end of the path, None before the first path
@@ -114,7 +113,7 @@ class ReferencePath:
         """Return the motion at a time [s], clamped to the start and end of the path."""
         elapsed = max(time - self._start, 0.0)
         duration = self._trajectory.duration
-        if elapsed >= duration - LAST_INSTANT:
+        if elapsed >= duration - self.LAST_INSTANT:
             # At rest, ruckig rounds to 1e-17 m/s and may then find no path that continues.
             position, _, _ = self._trajectory.at_time(duration)
             return HeadMotion(Pose(*position))
@@ -139,6 +138,9 @@ class ReferencePath:
         jerk = _proportional(self.settings.jerk, displacement)
         self._trajectory = plan_trajectory(motion, goal, speed, acceleration, jerk)
         self._start = time
+
+
+SHORTEST_MOVE = 1e-9  # m or rad, minimum distance of an axis that moves
 
 
 def _proportional(limits: tuple[float, ...], displacement: Pose) -> list[float]:

@@ -23,14 +23,7 @@ from facade_manipulator.kinematics.geometry import PerCarriage
 from facade_manipulator.motion.trajectory import AXIS_COUNT, plan_trajectory
 from facade_manipulator.parameters import parameter, settings
 
-STANDSTILL_SPEED = 1e-5  # m/s
-STANDSTILL_ACCELERATION = 1e-3  # m/s²
 ZERO = (0.0, 0.0, 0.0)  # of any unit
-FEED_FORWARD_SHARE = 0.8  # share of the speed limit; the rest is for catching up
-# m, m/s and m/s²: a motion within these tolerances is the planned motion
-PLAN_TOLERANCE = 1e-9
-PERIODS_ROUNDING = 1e-9  # of a number of periods
-PATH_TOLERANCE = 1e-6  # relative: rounding of a path adds up over its periods
 
 
 @settings
@@ -70,6 +63,10 @@ class MotionLimits:
             )
 
 
+STANDSTILL_SPEED = 1e-5  # m/s
+STANDSTILL_ACCELERATION = 1e-3  # m/s²
+
+
 class CarriageMotion(NamedTuple):
     """Motion of the three carriages at one instant; each field has shape (3,)."""
 
@@ -107,6 +104,12 @@ class PathLimiter:
 
     The period is the time between two steps [s].
     """
+
+    FEED_FORWARD_SHARE = 0.8  # share of the speed limit; the rest is for catching up
+    # m, m/s and m/s²: a motion within these tolerances is the planned motion
+    PLAN_TOLERANCE = 1e-9
+    PERIODS_ROUNDING = 1e-9  # of a number of periods
+    PATH_TOLERANCE = 1e-6  # relative: rounding of a path adds up over its periods
 
     def __init__(self, limits: MotionLimits, period: float) -> None:
         self.limits = limits
@@ -172,7 +175,7 @@ class PathLimiter:
         """
         speed = self.speed
         fastest = greatest(velocity)
-        share = min(1.0, FEED_FORWARD_SHARE * speed / fastest) if fastest else 1.0
+        share = min(1.0, self.FEED_FORWARD_SHARE * speed / fastest) if fastest else 1.0
         frame = plus(ZERO, velocity, share)
 
         # The frame reaches the target at the end of the period T, with velocity w:
@@ -184,7 +187,7 @@ class PathLimiter:
         planned = (*frame, speed)
         # A new plan for the planned motion would bend the path.
         if planned != self._planned or any(
-            greatest(plus(part, plan, -1.0)) > PLAN_TOLERANCE
+            greatest(plus(part, plan, -1.0)) > self.PLAN_TOLERANCE
             for part, plan in zip(relative, self._relative, strict=True)
         ):
             forward = [speed - w for w in frame]
@@ -247,7 +250,7 @@ class PathLimiter:
         path = plan_trajectory(start, None, speed, self._acceleration, self._jerk)
         period = self.period
         duration = path.duration
-        count = math.ceil(duration / period - PERIODS_ROUNDING)
+        count = math.ceil(duration / period - self.PERIODS_ROUNDING)
         times = [min(number * period, duration) for number in range(1, count + 1)]
         return [start, *map(path.at_time, times)]
 

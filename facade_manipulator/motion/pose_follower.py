@@ -14,10 +14,6 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.motion.head_path import HeadMotion, ReferencePath
 from facade_manipulator.motion.setpoints import Setpoint, SetpointStream, STREAM_GAP
 
-APPROACH_LEAD = (
-    0.05  # s, by which the setpoints of an approach are sent ahead of their time
-)
-
 
 class RailPose(NamedTuple):
     """Pose of the head in frame `rail` for an instant."""
@@ -47,6 +43,9 @@ class PoseFollower:
         Whether an approach continues, or begins unless another pose follows.
 
     """
+
+    # s, by which the setpoints of an approach are sent ahead of their time
+    APPROACH_LEAD = 0.05
 
     def __init__(self, stream: SetpointStream, path: ReferencePath) -> None:
         self._stream = stream
@@ -91,7 +90,7 @@ class PoseFollower:
         if not self.is_approaching:
             return None
 
-        time = now + APPROACH_LEAD
+        time = now + self.APPROACH_LEAD
         first = self._first
         if first is not None and now - first.received > STREAM_GAP:
             self._first = None

@@ -15,11 +15,7 @@ from facade_manipulator.errors import InputError, SetpointLimitError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 from facade_manipulator.motion.limits import plus, ZERO
 
-PATH_SPACING = 0.005  # m, between the poses of a path where the request names none
-LONGEST_PATH = 10000  # steps: a mistyped spacing must not block the node for long
 STREAM_GAP = 0.2  # s, pause after which poses begin a new stream
-# s: within less, a source that compensates the backlash of its screws changes the velocity
-SHORTEST_INTERVAL = 0.02
 
 
 class Setpoint(NamedTuple):
@@ -39,6 +35,10 @@ def require_within(
             raise SetpointLimitError(
                 quantity.format(carriage), abs(value), bound, unit, 'above', parameter
             )
+
+
+# s: within less, a source that compensates the backlash of its screws changes the velocity
+SHORTEST_INTERVAL = 0.02
 
 
 def require_possible(
@@ -134,6 +134,9 @@ def interpolate(
 class SetpointStream:
     """Certify poses, and turn a stream of them into setpoints."""
 
+    PATH_SPACING = 0.005  # m, between the poses of a path where the request names none
+    LONGEST_PATH = 10000  # steps: a mistyped spacing must not block the node for long
+
     def __init__(self, geometry: kinematics.Geometry, min_conditioning: float) -> None:
         self.mechanism = kinematics.Mechanism(geometry)
         self._min_conditioning = min_conditioning
@@ -167,16 +170,16 @@ class SetpointStream:
                 f'tolerance = {spacing} m is below the limit 0 m or not finite',
             )
         if not spacing:
-            spacing = PATH_SPACING
+            spacing = self.PATH_SPACING
 
         change = kinematics.difference(goal, start)
         half_length = self.mechanism.geometry.platform_half_length
         length = math.hypot(change.x, change.y) + half_length * abs(change.theta)
-        if length > LONGEST_PATH * spacing:
+        if length > self.LONGEST_PATH * spacing:
             raise InputError(
                 'tolerance',
                 f'a path of {length:.4g} m in steps of {spacing:g} m is above the limit '
-                f'{LONGEST_PATH} steps',
+                f'{self.LONGEST_PATH} steps',
             )
 
         carriages = []

@@ -13,7 +13,6 @@ from facade_manipulator.errors import ManipulatorError
 AXIS_COUNT = 3
 PLANNER = ruckig.Ruckig(AXIS_COUNT)
 SYNCHRONIZATIONS = ruckig.Synchronization.Phase, ruckig.Synchronization.TimeIfNecessary
-ACCELERATION_ROUNDING = 1e-9  # relative tolerance of an acceleration at its limit
 LESS_JERK = 1.0 - 1e-6
 
 
@@ -72,6 +71,9 @@ def plan_trajectory(
                     return trajectory
     end = 'rest' if goal is None else goal
     raise ManipulatorError(f'no jerk-limited path from {start[0]} to {end}')
+
+
+ACCELERATION_ROUNDING = 1e-9  # relative tolerance of an acceleration at its limit
 
 
 def _without_rounding(value: float, limit: float) -> float:

@@ -10,11 +10,7 @@ from facade_manipulator.kinematics import (
     Pose,
 )
 from facade_manipulator.motion.head_path import ReferencePath, ReferenceSettings
-from facade_manipulator.motion.pose_follower import (
-    APPROACH_LEAD,
-    PoseFollower,
-    RailPose,
-)
+from facade_manipulator.motion.pose_follower import PoseFollower, RailPose
 from facade_manipulator.motion.setpoints import SetpointStream, STREAM_GAP
 
 PERIOD = 0.01
@@ -70,7 +66,9 @@ def test_single_pose_is_approached_after_a_pause(machine):
 def test_setpoints_of_an_approach_lead_their_time(machine):
     machine.follow(POSE)
     machine.run(STREAM_GAP + 0.1)
-    assert machine.setpoints[-1].time == pytest.approx(machine.now + APPROACH_LEAD)
+    assert machine.setpoints[-1].time == pytest.approx(
+        machine.now + PoseFollower.APPROACH_LEAD
+    )
 
 
 def test_second_pose_makes_a_stream_without_an_approach(machine):

@@ -21,7 +21,7 @@ from facade_manipulator.kinematics import (
 )
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.motion.head_path import ReferenceSettings
-from facade_manipulator.motion.pose_follower import APPROACH_LEAD
+from facade_manipulator.motion.pose_follower import PoseFollower
 from facade_manipulator.nodes.conversions import joint_state, pose_stamped
 from facade_manipulator.nodes.driver_status import SILENT
 from facade_manipulator.nodes.ik_service import IkServiceNode
@@ -107,7 +107,7 @@ def test_single_pose_is_approached_from_the_head(bench):
     )
     times = [seconds(item.header.stamp) for item in bench.setpoints]
     q3 = [item.position[2] for item in bench.setpoints]
-    assert times == sorted(times) and times[0] >= begin + APPROACH_LEAD
+    assert times == sorted(times) and times[0] >= begin + PoseFollower.APPROACH_LEAD
     assert (q3[0], q3[-1]) == pytest.approx((start.x, MIDDLE.x), abs=1e-3)
     assert (
         max(
