@@ -32,27 +32,25 @@ from facade_manipulator.nodes.run import run
 from facade_manipulator.simulation.world.scenario import load_scenario
 from facade_manipulator.simulation.world.world import World
 
-DELIVERY_PERIOD = 0.005  # s, between two deliveries of measurements
-CARRIAGE_SILENCE = 0.1  # s without joint_states, after which the carriages stop
-LONGEST_ADVANCE = 0.2  # s of the world in one callback: 20 ms of computing
-# m/s, speed of the world's carriages towards the positions of the drives
-CARRIAGE_SPEED = 1.0
-VIEWER_PERIOD = 0.04  # s, between two pictures
-VIEWER_TIMEOUT = 2.0  # s, of closing
-POSES = (
-    topics.HEAD_POSE,
-    topics.RAIL_POSE,
-    topics.WALL_ERROR,
-    topics.UNCOMPENSATED_ERROR,
-)
-RAW_SENSOR_TOPICS = topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X
-FORCES = topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES
-# covariance of a message without orientation
-NO_ORIENTATION = np.array((-1.0, *[0.0] * 8))
-
 
 class GondolaSimulatorNode(BaseNode):
     """Simulator of gondola, mechanism and wall, which publishes the topics of the scenario."""
+
+    DELIVERY_PERIOD = 0.005  # s, between two deliveries of measurements
+    CARRIAGE_SILENCE = 0.1  # s without joint_states, after which the carriages stop
+    LONGEST_ADVANCE = 0.2  # s of the world in one callback: 20 ms of computing
+    # m/s, speed of the world's carriages towards the positions of the drives
+    CARRIAGE_SPEED = 1.0
+    VIEWER_PERIOD = 0.04  # s, between two pictures
+    VIEWER_TIMEOUT = 2.0  # s, of closing
+    POSES = (
+        topics.HEAD_POSE,
+        topics.RAIL_POSE,
+        topics.WALL_ERROR,
+        topics.UNCOMPENSATED_ERROR,
+    )
+    RAW_SENSOR_TOPICS = topics.IMU, topics.RANGE_1, topics.RANGE_2, topics.FIX_X
+    FORCES = topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('gondola_simulator', **kwargs)
@@ -65,10 +63,12 @@ class GondolaSimulatorNode(BaseNode):
             self, lambda: [diagnostic_status('world', 'ok', 'simulating', {})]
         )
 
-        published = list(POSES)
-        published += RAW_SENSOR_TOPICS if scenario.raw_sensors else [topics.DISTURBANCE]
+        published = list(self.POSES)
+        published += (
+            self.RAW_SENSOR_TOPICS if scenario.raw_sensors else [topics.DISTURBANCE]
+        )
         if scenario.wall.is_touched:
-            published += FORCES
+            published += self.FORCES
         self._outputs = {
             topic.name: self.create_publisher(*topic) for topic in published
         }
@@ -81,12 +81,12 @@ class GondolaSimulatorNode(BaseNode):
         watch = PublisherWatch(self, self.diagnostics)
         watch.subscribe(topics.GOAL_POSE, self._receive_goal)
         watch.subscribe(topics.JOINT_STATES, self._receive_joint_states)
-        conversions.steady_timer(self, DELIVERY_PERIOD, self._deliver)
+        conversions.steady_timer(self, self.DELIVERY_PERIOD, self._deliver)
 
         self._viewer = open_viewer(self._world) if setup.world.viewer else None
         self.wants_priority = self._viewer is None  # drawing takes long
         if self._viewer:
-            conversions.steady_timer(self, VIEWER_PERIOD, self._viewer.sync)
+            conversions.steady_timer(self, self.VIEWER_PERIOD, self._viewer.sync)
 
     def close(self) -> None:
         """Close the viewer and wait for its thread, which must not draw while the process ends."""
@@ -94,7 +94,7 @@ class GondolaSimulatorNode(BaseNode):
             self._viewer.close()
             for thread in threading.enumerate():
                 if thread.name.endswith('(_launch_internal)'):  # of mujoco.viewer
-                    thread.join(VIEWER_TIMEOUT)
+                    thread.join(self.VIEWER_TIMEOUT)
 
     def _publish(
         self, topic: str, time: float, frame_id: str = '', /, **fields: Any
@@ -108,8 +108,8 @@ class GondolaSimulatorNode(BaseNode):
     def _deliver(self) -> None:
         """Publish the measurements that have arrived; advance a world without drives."""
         now = conversions.ros_time()
-        if now - self._world.time > CARRIAGE_SILENCE:
-            self._advance(now - CARRIAGE_SILENCE, self._world.carriages)
+        if now - self._world.time > self.CARRIAGE_SILENCE:
+            self._advance(now - self.CARRIAGE_SILENCE, self._world.carriages)
 
         for name, stamp, values in self._world.raw_sensors.receive(now):
             frame_id = self._frames.prefix + name  # each sensor has its own frame
@@ -164,8 +164,8 @@ class GondolaSimulatorNode(BaseNode):
         """Advance the world towards a time [s], with its carriages towards positions [m]."""
         world = self._world
         here = np.array(world.carriages)
-        end = min(until, world.time + LONGEST_ADVANCE)
-        way = max(end - world.time, 0.0) * CARRIAGE_SPEED
+        end = min(until, world.time + self.LONGEST_ADVANCE)
+        way = max(end - world.time, 0.0) * self.CARRIAGE_SPEED
         world.advance(end, Carriages(*np.clip(carriages, here - way, here + way)))
 
 
@@ -181,6 +181,10 @@ def open_viewer(world: World) -> Any:
     return viewer.launch_passive(
         world.model, world.data, show_left_ui=False, show_right_ui=False
     )
+
+
+# covariance of a message without orientation
+NO_ORIENTATION = np.array((-1.0, *[0.0] * 8))
 
 
 def raw_fields(name: str, *values: float) -> dict[str, Any]:

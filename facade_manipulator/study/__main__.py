@@ -27,25 +27,9 @@ from facade_manipulator.study.paper_tables import PARTS, progress, Study
 from facade_manipulator.study.workspace_metrics import Good
 
 REPORT = Path('workspace_report')
-NO_FILE = Path(os.devnull)
-BAD_INPUT = 2
-LENGTH_OPTIONS = {
-    'l': (Geometry.link_length, 'length of the links'),
-    'b': (Geometry.platform_half_length, 'half the length of the platform'),
-    'stroke': (STROKE_LENGTH, 'length of the stroke Q'),
-    'gap': (0.0, 'minimum distance of neighbouring carriages'),
-}
-WIDTH = 120  # columns of a table if the output is not a terminal
-EXAMPLES = """
-examples:
-  workspace_study                          everything, into workspace_report/
-  workspace_study --table2                 Table 2 beside the numbers of the paper
-  workspace_study --summary --gap 0.02     the workspace with 20 mm between carriages
-  workspace_study --optimise --sum 0 --scheduler tcp://HOST:8786
-                                           best in the whole box of Table 1, on a cluster
 
-Lengths are in m and angles in rad. Wrong input ends with exit status 2.
-"""
+
+BAD_INPUT = 2
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -57,6 +41,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         BAD_INPUT,
         'interrupted, no numbers were written; next: start the study again',
     )
+
+
+NO_FILE = Path(os.devnull)
+WIDTH = 120  # columns of a table if the output is not a terminal
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -104,6 +92,24 @@ def _draw(folder: Path, study: Study) -> None:
             with atomic_write(path) as draft:
                 draw(study).savefig(draft, format='png')
     print(f'figures written to {folder}/')
+
+
+LENGTH_OPTIONS = {
+    'l': (Geometry.link_length, 'length of the links'),
+    'b': (Geometry.platform_half_length, 'half the length of the platform'),
+    'stroke': (STROKE_LENGTH, 'length of the stroke Q'),
+    'gap': (0.0, 'minimum distance of neighbouring carriages'),
+}
+EXAMPLES = """
+examples:
+  workspace_study                          everything, into workspace_report/
+  workspace_study --table2                 Table 2 beside the numbers of the paper
+  workspace_study --summary --gap 0.02     the workspace with 20 mm between carriages
+  workspace_study --optimise --sum 0 --scheduler tcp://HOST:8786
+                                           best in the whole box of Table 1, on a cluster
+
+Lengths are in m and angles in rad. Wrong input ends with exit status 2.
+"""
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -27,23 +27,9 @@ GREY = '#777777'
 PALE = '#D9D9D9'
 MACHINE_MODE = '+-'  # signs of the roots in eqs 7 and 8
 GHOST = 0.3  # opacity of postures behind the named one
-NAMES = {  # offset [points] and alignment of labels, which do not overlap where all carriages meet
-    'a1': (-1, -14, 'right'),
-    'a3': (0, -24, 'center'),
-    'a2': (2, -14, 'left'),
-    'b1': (-5, 5, 'right'),
-    'p': (0, 5, 'center'),
-    'b2': (5, 5, 'left'),
-}
 X_LABEL = 'x along the rail [mm]'
 Y_LABEL = 'y from the rail [mm]'
 THETA_LABEL = 'angle θ [deg]'
-LINKS = (  # ends, colour and width of the lines of the mechanism
-    ('a1', 'b1', BLUE, 2.4),
-    ('a2', 'b2', BLUE, 2.4),
-    ('b1', 'b2', ORANGE, 4.0),
-    ('a3', 'p', GREY, 1.2),
-)
 
 STYLE = {
     'font.size': 9.0,
@@ -95,6 +81,14 @@ def joints_in_mode(
     return at
 
 
+LINKS = (  # ends, colour and width of the lines of the mechanism
+    ('a1', 'b1', BLUE, 2.4),
+    ('a2', 'b2', BLUE, 2.4),
+    ('b1', 'b2', ORANGE, 4.0),
+    ('a3', 'p', GREY, 1.2),
+)
+
+
 def draw_mechanism(
     axes: Axes,
     geometry: Geometry,
@@ -137,6 +131,16 @@ def _draw_line(
     """Draw a line between two points [mm]."""
     x, y = zip(start, end, strict=True)
     axes.plot(x, y, color=colour, **style)
+
+
+NAMES = {  # offset [points] and alignment of labels, which do not overlap where all carriages meet
+    'a1': (-1, -14, 'right'),
+    'a3': (0, -24, 'center'),
+    'a2': (2, -14, 'left'),
+    'b1': (-5, 5, 'right'),
+    'p': (0, 5, 'center'),
+    'b2': (5, 5, 'left'),
+}
 
 
 def _draw_name(axes: Axes, name: str, place: np.ndarray) -> None:

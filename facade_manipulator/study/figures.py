@@ -31,12 +31,9 @@ from facade_manipulator.study.singularities import (
 )
 from facade_manipulator.study.workspace_metrics import Good, theta_bounds, union_ends
 
-SLICES = 27  # of θ in Figure 6
-ROWS = 70  # of y in Figure 6
 # this unit shows weak poses near the rail as well as at the far edge
 METRE = Good(0.0, 1.0)
 EXAMPLE = (0.25, 0.45)  # l and b of Figures 6 and 7 [m]
-MACHINE_GAP = 0.02  # m
 
 
 def figure_6(study: Study) -> Figure:
@@ -151,6 +148,9 @@ def _turn_map(
     return np.degrees(theta), y * MM, index
 
 
+MACHINE_GAP = 0.02  # m
+
+
 def figure_11(study: Study) -> Figure:
     """Draw extremes and ranges over the distance from the rail, with and without a gap."""
     made = drawing.figure(10.0, 5.8, study.title('Figure 11: ranges'))
@@ -237,6 +237,10 @@ def _draw_loci(axes: Axes, geometry: Geometry) -> None:
     axes.set_ylim(bottom=0.0)
     axes.legend()
     label(axes, drawing.THETA_LABEL, drawing.Y_LABEL, 'singular loci at any x')
+
+
+SLICES = 27  # of θ in Figure 6
+ROWS = 70  # of y in Figure 6
 
 
 def _draw_slices(axes: Any, geometry: Geometry, scale: Normalize) -> None:

@@ -17,16 +17,7 @@ from facade_manipulator.study.drawing import draw_mechanism, GHOST, plan_view
 from facade_manipulator.study.paper_tables import Study
 from facade_manipulator.study.workspace_metrics import section_bounds, theta_peak
 
-MODES = ('++', '-+', '+-', '--')  # in the order of Figure 5
-INSIDE_LIMIT = 1.0 - 1e-9  # share of a limit: rounding may put the limit itself outside
 PART = 0.6  # share of the distance to a limit at which Figure 3 shows a motion
-SWAY = {  # poses of the rail in Figure 12 [m, m, rad]
-    'gondola to the left': Pose(-0.12, 0.02, radians(2.0)),
-    'gondola in its place': kinematics.ZERO_POSE,
-    'gondola to the right': Pose(0.12, -0.02, radians(-2.0)),
-}
-HOME_POSITIONS = kinematics.Carriages(-0.1, 0.1, 0.0)  # m: Table 4, corrected
-HEAD_TO_WALL = 40.0  # mm, as drawn
 
 
 def figure_3(study: Study) -> Figure:
@@ -55,6 +46,9 @@ def figure_3(study: Study) -> Figure:
     return made
 
 
+MODES = ('++', '-+', '+-', '--')  # in the order of Figure 5
+
+
 def figure_5(study: Study) -> Figure:
     """Draw the working modes of one pose, with the length of rail that each mode needs."""
     made = drawing.figure(10.0, 4.6, study.title('Figure 5: working modes'))
@@ -70,6 +64,15 @@ def figure_5(study: Study) -> Figure:
         plan_view(axes, 750.0, (-160.0, 370.0), title)
         axes.label_outer()
     return made
+
+
+SWAY = {  # poses of the rail in Figure 12 [m, m, rad]
+    'gondola to the left': Pose(-0.12, 0.02, radians(2.0)),
+    'gondola in its place': kinematics.ZERO_POSE,
+    'gondola to the right': Pose(0.12, -0.02, radians(-2.0)),
+}
+HOME_POSITIONS = kinematics.Carriages(-0.1, 0.1, 0.0)  # m: Table 4, corrected
+HEAD_TO_WALL = 40.0  # mm, as drawn
 
 
 def figure_12(study: Study) -> Figure:
@@ -119,6 +122,9 @@ def draw_extremes(grid: list[Axes], geometry: Geometry) -> None:
     for axes, (title, pose, opposite) in zip(grid, panels, strict=True):
         _draw_postures(axes, geometry, pose, opposite, has_names=True)
         plan_view(axes, 980.0, (-310.0, 500.0), title)
+
+
+INSIDE_LIMIT = 1.0 - 1e-9  # share of a limit: rounding may put the limit itself outside
 
 
 def extremes(geometry: Geometry) -> tuple[Pose, Pose, Pose]:

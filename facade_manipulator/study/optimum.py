@@ -27,12 +27,6 @@ from facade_manipulator.study.paper import LENGTH_SUM, LINK_RANGE, PLATFORM_RANG
 from facade_manipulator.study.workspace_metrics import Good, measure, section_area
 
 SWEEP_STEP = 0.001  # m: step of the sweep, as in the paper
-SWEEP_CELLS = (
-    128  # number of cells of y and of θ: the ratio of a design is exact to 4e-4
-)
-CHUNK = 32  # designs per task: some tenths of a second, so that transport costs little
-CONNECTION_TIMEOUT = 10.0  # s
-PR_SET_PDEATHSIG = 1
 LENGTH_ROUNDING = 1e-9  # m
 
 Lengths = tuple[float, float]  # l and b [m]
@@ -87,6 +81,10 @@ def _steps(ends: tuple[float, float], step: float) -> list[float]:
     return lengths
 
 
+# number of cells of y and of θ: the ratio of a design is exact to 4e-4
+SWEEP_CELLS = 128
+
+
 def evaluate(lengths: Lengths, like: Geometry, good: Good) -> Merit:
     """Return the merits of a design on the rail of another design; a worker process calls it."""
     length, half = lengths
@@ -102,6 +100,9 @@ def evaluate(lengths: Lengths, like: Geometry, good: Good) -> Merit:
         ratio=ratio,
         beyond_share=beyond_share,
     )
+
+
+CHUNK = 32  # designs per task: some tenths of a second, so that transport costs little
 
 
 def sweep(
@@ -138,6 +139,9 @@ def best(merits: list[Merit], objectives: Iterable[str]) -> list[dict[str, Any]]
             row = {'objective': objective, 'designs': name, 'count': len(among)}
             found.append(row | {'value': value} | merit._asdict())
     return found
+
+
+CONNECTION_TIMEOUT = 10.0  # s
 
 
 @contextmanager
@@ -179,6 +183,9 @@ def executor_of(scheduler: str | None) -> Iterator[futures.Executor]:
         raise ManipulatorError(
             f'workers of {scheduler} failed: {error!r}; next: check its workers'
         ) from error
+
+
+PR_SET_PDEATHSIG = 1
 
 
 def _begin_process(parent: int) -> None:

@@ -31,8 +31,6 @@ PLATFORM_RANGE = (0.300, 0.550)
 LENGTH_SUM = 0.7  # m: l + b of every case of the paper, which does not state it
 # m: the ratios round to those of the paper; 1.0 moves them by 0.001
 STROKE_LENGTH = 1.005
-GRID_STEP = 0.001  # m, of the grid of y
-GRID_TURN = float(np.radians(1.0))  # of the grid of θ
 
 
 class Case(NamedTuple):
@@ -60,6 +58,10 @@ def design(
     """Return a design with its stroke about zero, by default with carriages of width 0 [m]."""
     stroke = (-0.5 * stroke_length, 0.5 * stroke_length)
     return Geometry(length, half, stroke, gap)
+
+
+GRID_STEP = 0.001  # m, of the grid of y
+GRID_TURN = float(np.radians(1.0))  # of the grid of θ
 
 
 def ratio_on_grid(geometry: Geometry, good: Good = PAPER_GOOD) -> float:

@@ -20,38 +20,6 @@ from facade_manipulator.kinematics.maps import x_intervals
 from facade_manipulator.study import optimum, paper, workspace_metrics
 from facade_manipulator.study.workspace_metrics import Good, PAPER_GOOD
 
-AREA_NOTE = (
-    'The ratios agree with the paper to its three digits. The areas do not: the paper states '
-    'neither the stroke nor the definition of its area. Section and union are areas for one '
-    'common stroke, without any tuning.'
-)
-# l of --singularity [m]
-STUDIED_LENGTHS = (0.15, 0.2, 0.25, 0.3, 0.34, 0.349, 0.35, 0.352)
-# columns of words instead of numbers
-WORDS = ('quantity', 'unit', 'objective', 'designs')
-CASE_COLUMNS = (
-    'l [mm]',
-    'b [mm]',
-    'ratio',
-    'paper',
-    'diff.',
-    'section',
-    'union',
-    'paper',
-    'ratio x section',
-    'paper',
-)
-RANGE_COLUMNS = ('y [mm]', 'theta max [deg]', 'x max at theta = 0 [mm]')
-OPTIMUM_COLUMNS = (
-    'objective',
-    'designs',
-    'count',
-    'l [mm]',
-    'b [mm]',
-    'value',
-    'unit',
-    'beyond N = 0 [%]',
-)
 #: key and content of the JSON file, table for the terminal
 Part = tuple[str, Any, Table]
 
@@ -67,10 +35,6 @@ class Study(NamedTuple):
         stroke = _mm(self.geometry.stroke_length)
         gap = _mm(self.geometry.carriage_gap)
         return f'{subject}, {lengths(self.geometry)}, Q = {stroke} mm, gap {gap} mm'
-
-
-THETA_MAX = 'maximum theta at any y, before N = 0'
-GOOD_SECTION = 'area of good poses at theta = 0'
 
 
 class Quantity(NamedTuple):
@@ -102,6 +66,25 @@ def progress(items: Iterable[Any], total: int, title: str = 'designs') -> Iterab
     )
 
 
+AREA_NOTE = (
+    'The ratios agree with the paper to its three digits. The areas do not: the paper states '
+    'neither the stroke nor the definition of its area. Section and union are areas for one '
+    'common stroke, without any tuning.'
+)
+CASE_COLUMNS = (
+    'l [mm]',
+    'b [mm]',
+    'ratio',
+    'paper',
+    'diff.',
+    'section',
+    'union',
+    'paper',
+    'ratio x section',
+    'paper',
+)
+
+
 def table_of_cases(study: Study, options: argparse.Namespace) -> Part:
     """Print the computed Table 2 beside the numbers of the paper."""
     stroke = study.geometry.stroke_length
@@ -127,6 +110,10 @@ def _case(row: dict[str, Any]) -> tuple[str, ...]:
     )
     good_areas = (f'{row["good_area_section"]:.4f}', f'{printed["good_area"]:.3f}')
     return (_mm(row['l']), _mm(row['b']), *ratios, *areas, *good_areas)
+
+
+THETA_MAX = 'maximum theta at any y, before N = 0'
+GOOD_SECTION = 'area of good poses at theta = 0'
 
 
 def summary(study: Study, options: argparse.Namespace) -> Part:
@@ -165,6 +152,9 @@ def summary(study: Study, options: argparse.Namespace) -> Part:
     return 'summary', content, table
 
 
+RANGE_COLUMNS = ('y [mm]', 'theta max [deg]', 'x max at theta = 0 [mm]')
+
+
 def ranges(study: Study, options: argparse.Namespace) -> Part:
     """Print the maximum θ and x for every y."""
     lower, upper = workspace_metrics.section_bounds(study.geometry)
@@ -196,6 +186,10 @@ def _every_centimetre(lower: float, upper: float) -> list[float]:
     return places
 
 
+# l of --singularity [m]
+STUDIED_LENGTHS = (0.15, 0.2, 0.25, 0.3, 0.34, 0.349, 0.35, 0.352)
+
+
 def singularity(study: Study, options: argparse.Namespace) -> Part:
     """Print the share beyond N = 0 of a given design, by default of some with l + b = 700 mm."""
     geometry = study.geometry
@@ -218,6 +212,18 @@ def singularity(study: Study, options: argparse.Namespace) -> Part:
     )
     table = _table(title, ('l [mm]', 'b [mm]', 'share [%]'), cells)
     return 'beyond_parallel_singularity', rows, table
+
+
+OPTIMUM_COLUMNS = (
+    'objective',
+    'designs',
+    'count',
+    'l [mm]',
+    'b [mm]',
+    'value',
+    'unit',
+    'beyond N = 0 [%]',
+)
 
 
 def optima(study: Study, options: argparse.Namespace) -> Part:
@@ -249,6 +255,10 @@ PARTS: dict[str, Callable[[Study, argparse.Namespace], Part]] = {
     'singularity': singularity,
     'optimise': optima,
 }
+
+
+# columns of words instead of numbers
+WORDS = ('quantity', 'unit', 'objective', 'designs')
 
 
 def _table(

@@ -17,13 +17,14 @@ from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.maps import number_at
 from facade_manipulator.study.workspace_metrics import bisect
 
-SEARCH_SAMPLES = 100  # of y, to find a regular pose between both curves
-
 
 def serial_curve(geometry: Geometry, theta: np.ndarray) -> np.ndarray:
     """Return the y of det A = 0 at every θ [m], NaN where the links do not reach the platform."""
     y = geometry.link_length - geometry.platform_half_length * np.abs(np.sin(theta))
     return np.where(y > 0.0, y, np.nan)
+
+
+SEARCH_SAMPLES = 100  # of y, to find a regular pose between both curves
 
 
 def parallel_curves(

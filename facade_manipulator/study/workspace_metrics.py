@@ -20,13 +20,6 @@ import numpy as np
 from facade_manipulator.kinematics import Geometry, maps
 from facade_manipulator.kinematics.maps import number_at
 
-CELLS = 256  # of y and of θ: the ratio is exact to 1e-4, the volume to 3e-5
-UNION_Y = 400  # of y, and of θ, for the union
-UNION_THETA = 257
-SEARCH = 2001  # samples of y for the peak of θ, then of ever shorter ranges about it
-INSIDE_BOUND = 1.0 - 1e-12  # of a bound, where rounding must not lead beyond it
-BISECTIONS = 60  # iterations from any interval to the resolution of a double
-
 
 class Good(NamedTuple):
     """Definition of a good pose (section IV-B): the minimum index and its unit of length [m]."""
@@ -103,6 +96,9 @@ def _theta_intervals(geometry: Geometry, y: np.ndarray) -> list[list[np.ndarray]
     return [[np.zeros_like(y), np.minimum(order, end)], [beyond, end]]
 
 
+SEARCH = 2001  # samples of y for the peak of θ, then of ever shorter ranges about it
+
+
 def theta_peak(geometry: Geometry) -> tuple[float, float]:
     """Return the y [m] with the largest of the `theta_limits`, and the angle [rad] there."""
     y = np.linspace(*y_range(geometry), SEARCH)[1:]
@@ -176,6 +172,10 @@ def section_area(geometry: Geometry, good: Good | None = None) -> float:
     return width * (upper - lower) + segment(upper) - segment(lower)
 
 
+CELLS = 256  # of y and of θ: the ratio is exact to 1e-4, the volume to 3e-5
+INSIDE_BOUND = 1.0 - 1e-12  # of a bound, where rounding must not lead beyond it
+
+
 def measure(
     geometry: Geometry, good: Good = PAPER_GOOD, cells: int = CELLS
 ) -> Workspace:
@@ -223,6 +223,10 @@ def _share_above(values: np.ndarray) -> np.ndarray:
     return np.clip(share, 0.0, 1.0)
 
 
+UNION_Y = 400  # of y, and of θ, for the union
+UNION_THETA = 257
+
+
 def union_area(geometry: Geometry) -> float:
     """
     Return the area of all (x, y) that the head reaches at any θ [m²].
@@ -254,6 +258,9 @@ def _nodes(lower: float, upper: float, count: int) -> tuple[np.ndarray, np.ndarr
     size = upper - lower
     weight = 0.5 * np.pi / count * size * np.sin(2.0 * angle)
     return lower + size * np.sin(angle) ** 2, weight
+
+
+BISECTIONS = 60  # iterations from any interval to the resolution of a double
 
 
 def bisect(function: Callable[[Any], Any], negative: Any, positive: Any) -> Any:

@@ -14,9 +14,7 @@ from facade_manipulator.nodes.planar_messages import planar_pose, seconds
 from facade_manipulator.simulation import gondola_simulator
 from facade_manipulator.simulation.gondola_simulator import (
     GondolaSimulatorNode,
-    POSES,
     raw_fields,
-    RAW_SENSOR_TOPICS,
 )
 
 HEAD = Pose(0.03, 0.25, 0.02)  # in frame rail
@@ -55,7 +53,11 @@ def test_each_simulated_measurement_has_a_frame_of_its_namespace(ros, scenario):
     simulator = ros.add(
         GondolaSimulatorNode(namespace='gondola_1', parameter_overrides=overrides)
     )
-    measurements = (*RAW_SENSOR_TOPICS, topics.DISTURBANCE, topics.CONTACT_WRENCH)
+    measurements = (
+        *GondolaSimulatorNode.RAW_SENSOR_TOPICS,
+        topics.DISTURBANCE,
+        topics.CONTACT_WRENCH,
+    )
     offered = {publisher.topic_name for publisher in simulator.publishers}
     bench = ros.node(namespace='gondola_1')
     received = {
@@ -71,13 +73,15 @@ def test_each_simulated_measurement_has_a_frame_of_its_namespace(ros, scenario):
     ros.until(lambda: received and all(received.values()), 'each measurement')
     frames = {name: found[-1].header.frame_id for name, found in received.items()}
     assert all(frame.startswith('gondola_1/') for frame in frames.values()), frames
-    raw = {topic.name for topic in RAW_SENSOR_TOPICS} & frames.keys()
+    raw = {
+        topic.name for topic in GondolaSimulatorNode.RAW_SENSOR_TOPICS
+    } & frames.keys()
     assert {frames[name] for name in raw} == {f'gondola_1/{name}' for name in raw}
 
 
 def test_head_and_errors_follow_rail_carriages_and_goal(ros):
     bench = Bench(ros)
-    received = [*map(bench.collect, POSES)]
+    received = [*map(bench.collect, GondolaSimulatorNode.POSES)]
     bench.publish(topics.GOAL_POSE, pose_stamped('facade', ros_time(), HEAD))
     bench.stream()
     ros.until(lambda: all(len(poses) > 10 for poses in received), 'the errors')
@@ -104,7 +108,10 @@ def test_errors_without_subscriber_are_not_computed(ros, monkeypatch):
     bench.publish(topics.GOAL_POSE, pose_stamped('facade', ros_time(), HEAD))
     bench.stream()
     ros.until(
-        lambda: len(bench.tested._poses) == len(POSES) and len(heads) > 3,
+        lambda: (
+            len(bench.tested._poses) == len(GondolaSimulatorNode.POSES)
+            and len(heads) > 3
+        ),
         'goal and poses',
     )
     assert calls == []
@@ -142,7 +149,8 @@ def test_simulator_publishes_only_measurements_of_its_scenario(
         publisher.topic_name.rpartition('/')[2] for publisher in bench.tested.publishers
     }
     assert names - {'diagnostics', 'rosout', 'parameter_events'} == {
-        topic.name.rpartition('/')[2] for topic in (*POSES, *published)
+        topic.name.rpartition('/')[2]
+        for topic in (*GondolaSimulatorNode.POSES, *published)
     }
 
 

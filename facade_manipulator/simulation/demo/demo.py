@@ -42,42 +42,48 @@ from facade_manipulator.simulation.world.scenario import (
 )
 from facade_manipulator.timeouts import DRIVER_TIMEOUT
 
-NAMESPACE = 'demo'
-RECORDED = topics.HEAD_POSE, topics.RAIL_POSE, topics.REFERENCE, topics.CONTACT_WRENCH
-KEPT_SAMPLES = 30_000  # for each topic: the last 300 s at 100 Hz
-# components on /diagnostics
-OPERATION = 'driver: operation'
-BUS = 'driver: bus'
-CORRECTION = 'compensator: correction'
-PRIORITY = 'real-time priority'  # key of the bus
-COUNTERS = {  # component and key on /diagnostics
-    'bus_cycles': (BUS, 'cycles'),
-    'late_cycles': (BUS, 'late commands'),
-    'missed_cycles': (BUS, 'missed cycles'),
-    'drive_faults': (OPERATION, 'drive faults'),
-    'rejected_goals': ('ik_service: goal', 'rejected'),
-}
-MODULES = 'simulation.gondola_simulator', 'nodes.driver', 'nodes.manipulator'
-ESTIMATOR = 'nodes.disturbance_estimator'  # only with raw sensors
-# a node ends with the demo
-START_COMMAND = ('setpriv', '--pdeathsig', 'TERM', sys.executable, '-uPm')
-PARAMETER_FILES = config_path('manipulator.yaml'), config_path('simulation.yaml')
-RESULTS = (
-    'summary.json',
-    'errors.png',
-    'force.png',
-    'linkage.gif',
-    'disturbance_estimator.log',
-)
-ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
-CHECK_PERIOD = 0.1  # s, period of the checks of goal and drives
-LINE_SAMPLES = 200  # at 100 Hz; the line counts the second half, the last second
-LAST_COUNTERS = 1.2  # s: each node publishes its counters once a second
 say = partial(print, sep='\n', flush=True)
 
 
 class Demo:
     """Run of the demo: start the nodes, send strokes, end the nodes, report."""
+
+    NAMESPACE = 'demo'
+    RECORDED = (
+        topics.HEAD_POSE,
+        topics.RAIL_POSE,
+        topics.REFERENCE,
+        topics.CONTACT_WRENCH,
+    )
+    KEPT_SAMPLES = 30_000  # for each topic: the last 300 s at 100 Hz
+    # components on /diagnostics
+    OPERATION = 'driver: operation'
+    BUS = 'driver: bus'
+    CORRECTION = 'compensator: correction'
+    PRIORITY = 'real-time priority'  # key of the bus
+    COUNTERS = {  # component and key on /diagnostics
+        'bus_cycles': (BUS, 'cycles'),
+        'late_cycles': (BUS, 'late commands'),
+        'missed_cycles': (BUS, 'missed cycles'),
+        'drive_faults': (OPERATION, 'drive faults'),
+        'rejected_goals': ('ik_service: goal', 'rejected'),
+    }
+    MODULES = 'simulation.gondola_simulator', 'nodes.driver', 'nodes.manipulator'
+    ESTIMATOR = 'nodes.disturbance_estimator'  # only with raw sensors
+    # a node ends with the demo
+    START_COMMAND = ('setpriv', '--pdeathsig', 'TERM', sys.executable, '-uPm')
+    PARAMETER_FILES = config_path('manipulator.yaml'), config_path('simulation.yaml')
+    RESULTS = (
+        'summary.json',
+        'errors.png',
+        'force.png',
+        'linkage.gif',
+        'disturbance_estimator.log',
+    )
+    ESTIMATE_TIMEOUT = 15.0  # s; the estimator of raw sensors needs 7 s to start
+    CHECK_PERIOD = 0.1  # s, period of the checks of goal and drives
+    LINE_SAMPLES = 200  # at 100 Hz; the line counts the second half, the last second
+    LAST_COUNTERS = 1.2  # s: each node publishes its counters once a second
 
     def __init__(self, options: argparse.Namespace) -> None:
         self.options = options
@@ -89,16 +95,18 @@ class Demo:
         stale = partial(DiagnosticStatus, level=DiagnosticStatus.STALE)
         # latest diagnostics by name
         self.components = defaultdict[str, DiagnosticStatus](stale)
-        self.tables = [deque[tuple[float, ...]](maxlen=KEPT_SAMPLES) for _ in RECORDED]
+        self.tables = [
+            deque[tuple[float, ...]](maxlen=self.KEPT_SAMPLES) for _ in self.RECORDED
+        ]
 
         initialise()  # rclpy's own signal handlers would end ROS before the drives are stopped
-        self.client = ManipulatorClient(NAMESPACE, 'demo_supervisor', self.watch)
+        self.client = ManipulatorClient(self.NAMESPACE, 'demo_supervisor', self.watch)
         # Its messages wait until `watch` takes them: an executor, which wakes for each of them,
         # would use a tenth of a processor.
         self.recorder = Node(
-            'demo_recorder', namespace=NAMESPACE, start_parameter_services=False
+            'demo_recorder', namespace=self.NAMESPACE, start_parameter_services=False
         )
-        for topic, table in zip(RECORDED, self.tables, strict=True):
+        for topic, table in zip(self.RECORDED, self.tables, strict=True):
             self.recorder.create_subscription(
                 topic.type, topic.name, partial(keep_values, table), topics.QUEUE
             )
@@ -120,10 +128,11 @@ class Demo:
             say('compensator: wait for an estimate of the disturbance')
             self.client.wait_until(
                 lambda: (
-                    planar_messages.status_level(self.components[CORRECTION]) == 'ok'
+                    planar_messages.status_level(self.components[self.CORRECTION])
+                    == 'ok'
                 ),
                 'an estimate of the disturbance',
-                ESTIMATE_TIMEOUT,
+                self.ESTIMATE_TIMEOUT,
             )
             self.send_goals()
         finally:
@@ -135,23 +144,23 @@ class Demo:
     def start_nodes(self) -> None:
         """Start the nodes with the parameters of the scenario."""
         say(self.scenario.description)
-        for name in RESULTS:
+        for name in self.RESULTS:
             # files of an earlier run would mislead
             (self.output / name).unlink(missing_ok=True)
 
-        arguments = ['--ros-args', '-r', f'__ns:=/{NAMESPACE}']
-        for file in (*PARAMETER_FILES, self.write_parameters()):
+        arguments = ['--ros-args', '-r', f'__ns:=/{self.NAMESPACE}']
+        for file in (*self.PARAMETER_FILES, self.write_parameters()):
             arguments += ['--params-file', str(file)]
-        modules = list(MODULES)
+        modules = list(self.MODULES)
         if self.scenario.raw_sensors:
-            modules.append(ESTIMATOR)
+            modules.append(self.ESTIMATOR)
 
         say(
             f'starting the nodes (logs in {self.output}/); Ctrl-C stops the drives first'
         )
         for module in modules:
             name = module.split('.')[1]
-            command = [*START_COMMAND, f'facade_manipulator.{module}', *arguments]
+            command = [*self.START_COMMAND, f'facade_manipulator.{module}', *arguments]
             with (self.output / f'{name}.log').open('w') as log:
                 # in its own group: Ctrl-C in the terminal reaches only the demo
                 self.nodes[name] = subprocess.Popen(
@@ -182,29 +191,31 @@ class Demo:
         """
         begin = time.monotonic()
         lines = 0
-        while (elapsed := time.monotonic() - begin) < self.duration + LAST_COUNTERS:
+        while (
+            elapsed := time.monotonic() - begin
+        ) < self.duration + self.LAST_COUNTERS:
             goal = self.scenario.mission.goal(elapsed)
             # the head follows its last goal while the nodes publish their last counters
             if elapsed < self.duration and goal != self.client.goal:
                 self.client.send_goal(goal)
             self.watch()
-            operation = self.components[OPERATION]
+            operation = self.components[self.OPERATION]
             if planar_messages.status_level(operation) == 'error':
                 raise ManipulatorError(f'driver: {operation.message}')
             if elapsed >= lines:  # one each second
                 lines = int(elapsed) + 1
                 self.say_progress(elapsed)
-            time.sleep(CHECK_PERIOD)
+            time.sleep(self.CHECK_PERIOD)
 
     def say_progress(self, elapsed: float) -> None:
         """Print the states, the newest errors and the counters after some seconds."""
         figures = ['error not measured yet']
-        newest = [list(table)[-LINE_SAMPLES:] for table in self.tables]
+        newest = [list(table)[-self.LINE_SAMPLES :] for table in self.tables]
         with suppress(ManipulatorError):
             figures = demo_report.Run(newest, self.scenario).figures
 
-        operation = self.components[OPERATION]
-        correction = self.components[CORRECTION]
+        operation = self.components[self.OPERATION]
+        correction = self.components[self.CORRECTION]
         say(
             f'{elapsed:5.1f} s of {self.duration:g} s | {operation.message}, '
             f'{correction.message} | RMS of 1 s: {", ".join(figures)} | '
@@ -274,7 +285,7 @@ class Demo:
     def counters(self) -> dict[str, int]:
         """Return the counters of the summary."""
         counters = {}
-        for name, (component, key) in COUNTERS.items():
+        for name, (component, key) in self.COUNTERS.items():
             values = planar_messages.status_values(self.components[component])
             counters[name] = int(values.get(key, 0))
         return counters
@@ -282,7 +293,11 @@ class Demo:
     @property
     def priority(self) -> int:
         """Return the real-time priority of the control loop, 0 for none."""
-        return int(planar_messages.status_values(self.components[BUS]).get(PRIORITY, 0))
+        return int(
+            planar_messages.status_values(self.components[self.BUS]).get(
+                self.PRIORITY, 0
+            )
+        )
 
     @property
     def scheduling(self) -> str:

@@ -22,34 +22,15 @@ from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.study.drawing import BLUE, draw_mechanism, figure, GREY, label
 
 RATE = 100  # Hz, of the samples
-LEAST_DURATION = 0.1  # s
-# s after the first goal, in which the correction fades in and learns
-LEARNING_TIME = 15.0
 PINK = '#CC79A7'
 PATHS = (  # paths of a run: colour, name, marker and its size
     (GREY, 'head without compensation', 'o', 6.0),
     (BLUE, 'head with compensation', 'o', 6.0),
     (PINK, 'reference of the head', '+', 14.0),
 )
-AXIS_LABELS = 'x, along the wall', 'y, to the wall', 'θ, yaw'
 ELAPSED = 'time since the first goal [s]'
-HIGHEST_FREQUENCY = 10.0  # Hz
 RMS_TIME = 1.0  # s, over which an error in the picture is averaged
-AMPLIFICATION = (
-    'where blue is above grey, the gondola hardly moves:\n'
-    'the head follows the noise of the estimate and the limits of the drives'
-)
-READINGS = 10  # of the force in a mean, 0.1 s: the noise of a reading is 0.5 N
-CONTACT_FORCE = 1.0  # N, above which the averaged force is a contact
-DURATION = 12.0  # s, of the animation
 FRAME_PERIOD = 0.25  # s
-TRAIL = 3.0  # s, of a path in the animation
-PALE_OPACITY = 0.25  # opacity of the mechanism without compensation
-# m, as drawn; as in config/gondola.xml the pose of the head is that of the tips of its brush
-BRUSH_DEPTH = 0.06
-BRUSH_WIDTH = 0.3
-GONDOLA = Pose(-0.6, -0.15, 0.0)  # corner in frame rail [m]
-GONDOLA_SIZE = (1200.0, 120.0)  # mm
 #: stamp and planar values of each message of a topic
 Table = Sequence[tuple[float, ...]]
 
@@ -63,15 +44,19 @@ class Run:
     compensation, and the reference. Raises a ManipulatorError if the run is too short.
     """
 
+    LEAST_DURATION = 0.1  # s
+    # s after the first goal, in which the correction fades in and learns
+    LEARNING_TIME = 15.0
+
     def __init__(self, tables: Sequence[Table], scenario: Scenario) -> None:
         self.scenario = scenario
         *poses, wrenches = (np.reshape(table, (-1, 4)) for table in tables)
         begin = max(table[:, 0].min(initial=math.inf) for table in poses)
         end = min(table[:, 0].max(initial=-math.inf) for table in poses)
-        if not end - begin >= LEAST_DURATION:
+        if not end - begin >= self.LEAST_DURATION:
             raise ManipulatorError(
                 f'report rejected: {max(0.0, end - begin):.3g} s of poses since the first '
-                f'reference, minimum {LEAST_DURATION:g} s; next: read the logs of the nodes'
+                f'reference, minimum {self.LEAST_DURATION:g} s; next: read the logs of the nodes'
             )
         #: since the first reference [s]
         self.times = np.arange(0.0, end - begin, 1.0 / RATE)
@@ -89,7 +74,7 @@ class Run:
         self.paths = np.array((without, heads, references))
         self.errors = self.paths[:2] - references
         #: whether the figures include the sample
-        self.is_counted = self.times >= min(LEARNING_TIME, 0.5 * self.times[-1])
+        self.is_counted = self.times >= min(self.LEARNING_TIME, 0.5 * self.times[-1])
         #: along the head [N]; empty without a sensor
         self.forces = -at_times(wrenches)[:, 1] if len(wrenches) else np.zeros(0)
 
@@ -132,6 +117,14 @@ def draw(run: Run) -> dict[str, bytes]:
         duration=round(1e3 * FRAME_PERIOD),
     )
     return {name: file.getvalue() for name, file in files.items()}
+
+
+AXIS_LABELS = 'x, along the wall', 'y, to the wall', 'θ, yaw'
+HIGHEST_FREQUENCY = 10.0  # Hz
+AMPLIFICATION = (
+    'where blue is above grey, the gondola hardly moves:\n'
+    'the head follows the noise of the estimate and the limits of the drives'
+)
 
 
 def errors(run: Run) -> Figure:
@@ -193,6 +186,10 @@ def _running_rms(
     return middles, np.sqrt(mean_squares)
 
 
+READINGS = 10  # of the force in a mean, 0.1 s: the noise of a reading is 0.5 N
+CONTACT_FORCE = 1.0  # N, above which the averaged force is a contact
+
+
 def force(run: Run) -> Figure:
     """Draw the force on the wall."""
     made = figure(10, 4.5, 'Force of the head on the wall')
@@ -222,6 +219,9 @@ def force(run: Run) -> Figure:
     return made
 
 
+DURATION = 12.0  # s, of the animation
+
+
 def linkage(run: Run) -> list[Image.Image]:
     """Draw the frames of an animation of the last seconds of a run."""
     made = figure(8, 5.5, 'The head on the wall, seen from above')
@@ -245,6 +245,15 @@ def linkage(run: Run) -> list[Image.Image]:
         picture = Image.fromarray(np.array(canvas.buffer_rgba()))
         images.append(picture.convert('P'))
     return images
+
+
+TRAIL = 3.0  # s, of a path in the animation
+PALE_OPACITY = 0.25  # opacity of the mechanism without compensation
+# m, as drawn; as in config/gondola.xml the pose of the head is that of the tips of its brush
+BRUSH_DEPTH = 0.06
+BRUSH_WIDTH = 0.3
+GONDOLA = Pose(-0.6, -0.15, 0.0)  # corner in frame rail [m]
+GONDOLA_SIZE = (1200.0, 120.0)  # mm
 
 
 def draw_moment(panel: Axes, run: Run, now: int) -> None:

@@ -24,8 +24,6 @@ from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 from facade_manipulator.simulation.drives.simulator import DriveSimulator
 
-_STOP_SIGNALS = signal.SIGINT, signal.SIGTERM
-_NEW_SERIALS = (4711, 4712, 4713)
 # settings of an axis by the option that has one value for each drive
 _OF_EACH_DRIVE = {
     'node_ids': 'node_id',
@@ -46,6 +44,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return exit_status('drive_simulator', lambda: _run(options))
 
 
+_STOP_SIGNALS = signal.SIGINT, signal.SIGTERM
+
+
 def _run(options: argparse.Namespace) -> None:
     drives = make_drives(options)
     bus = ParameterSource(vars(options)).read(BusSettings)
@@ -59,6 +60,9 @@ def _run(options: argparse.Namespace) -> None:
             flush=True,
         )
         signal.sigwait(_STOP_SIGNALS)
+
+
+_NEW_SERIALS = (4711, 4712, 4713)
 
 
 def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:

@@ -14,16 +14,6 @@ from canopen.profiles.p402 import State402
 
 from facade_manipulator.drives.states import Controlword, State
 
-# mask of the controlword bits that identify each command; every controlword is one command
-_MASKS = {
-    Controlword.DISABLE_VOLTAGE: 0x82,
-    Controlword.QUICK_STOP: 0x86,
-    Controlword.SHUTDOWN: 0x87,
-    Controlword.SWITCH_ON: 0x8F,
-    Controlword.ENABLE_OPERATION: 0x8F,
-    Controlword.FAULT_RESET: 0x80,
-}
-
 _WITHOUT_COMMAND = ('START', 'NOT READY TO SWITCH ON', 'FAULT REACTION ACTIVE')
 
 # next state by state and command; a missing pair keeps the state
@@ -35,6 +25,17 @@ TRANSITIONS = {
     (State.READY_TO_SWITCH_ON, Controlword.ENABLE_OPERATION): State.OPERATION_ENABLED,
     (State.READY_TO_SWITCH_ON, Controlword.QUICK_STOP): State.SWITCH_ON_DISABLED,
     (State.SWITCHED_ON, Controlword.QUICK_STOP): State.SWITCH_ON_DISABLED,
+}
+
+
+# mask of the controlword bits that identify each command; every controlword is one command
+_MASKS = {
+    Controlword.DISABLE_VOLTAGE: 0x82,
+    Controlword.QUICK_STOP: 0x86,
+    Controlword.SHUTDOWN: 0x87,
+    Controlword.SWITCH_ON: 0x8F,
+    Controlword.ENABLE_OPERATION: 0x8F,
+    Controlword.FAULT_RESET: 0x80,
 }
 
 

@@ -35,15 +35,6 @@ from facade_manipulator.simulation.drives.simulated_axis import (
     SimulatedAxis,
 )
 
-# error codes
-HEARTBEAT_LOST = 0x8130
-PDO_TOO_SHORT = 0x8210
-
-_SUPERVISED_HEARTBEAT = (indices.CONSUMER_HEARTBEAT_TIME, 1)
-
-_MOTION_PERIOD = 0.02  # s: period of the calls of a moving drive without a SYNC
-_BOOT_TIME = 0.05  # s
-
 
 class SimulatedDrive:
     """
@@ -52,6 +43,15 @@ class SimulatedDrive:
     Without a serial number in the axis settings, the serial number is the node id.
     Raises a ParameterError for an unknown drive type.
     """
+
+    # error codes
+    HEARTBEAT_LOST = 0x8130
+    PDO_TOO_SHORT = 0x8210
+
+    _SUPERVISED_HEARTBEAT = (indices.CONSUMER_HEARTBEAT_TIME, 1)
+
+    _MOTION_PERIOD = 0.02  # s: period of the calls of a moving drive without a SYNC
+    _BOOT_TIME = 0.05  # s
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class SimulatedDrive:
         self.objects = objects
         self.axis = SimulatedAxis(objects, motor, self.inject_fault, self._reset_errors)
         self.lss = LssSlave(axis.node_id, objects.values)
-        self._pdo = ProcessData(objects, lambda: self.inject_fault(PDO_TOO_SHORT))
+        self._pdo = ProcessData(objects, lambda: self.inject_fault(self.PDO_TOO_SHORT))
         self.now = 0.0  #: time of the simulation [s]
         self._last_sync = 0.0  # that the drive has produced [s]
         #: time at which the heartbeat of the master is lost [s]
@@ -81,7 +81,7 @@ class SimulatedDrive:
             (indices.ERROR_REGISTER, 0): lambda: int(bool(self.errors)),
             (indices.ERROR_CODE, 0): lambda: self.errors[-1] if self.errors else 0,
         }
-        objects.writers[_SUPERVISED_HEARTBEAT] = self._forget_master
+        objects.writers[self._SUPERVISED_HEARTBEAT] = self._forget_master
         if polarity := profile.input_polarity:
             motor.inverted = lambda: (
                 objects.values.get(polarity[:2], 0) >> polarity.shift
@@ -112,7 +112,7 @@ class SimulatedDrive:
         self.axis.advance(now)
         if now >= self._master_due:
             self._master_due = math.inf
-            self.inject_fault(HEARTBEAT_LOST)
+            self.inject_fault(self.HEARTBEAT_LOST)
         if now >= self._next_sync:
             self._send_sync()
         frames = self.objects.outbox.take()
@@ -125,7 +125,7 @@ class SimulatedDrive:
     @property
     def deadline(self) -> float:
         """Return the latest time of the next call of `advance` without a frame [s]."""
-        moving = self.now + _MOTION_PERIOD if self.axis.is_moving else math.inf
+        moving = self.now + self._MOTION_PERIOD if self.axis.is_moving else math.inf
         return min(
             self._boot_at,
             self.objects.outbox.due,
@@ -188,7 +188,7 @@ class SimulatedDrive:
     @property
     def _supervised_heartbeat(self) -> SupervisedHeartbeat:
         """Return the heartbeat of the master; a drive without 1016h supervises none."""
-        value = self.objects.values.get(_SUPERVISED_HEARTBEAT, 0)
+        value = self.objects.values.get(self._SUPERVISED_HEARTBEAT, 0)
         return SupervisedHeartbeat.decode(value)
 
     def _is_supervised(self, cob_id: int) -> bool:
@@ -198,8 +198,8 @@ class SimulatedDrive:
 
     def _on_heartbeat(self, cob_id: int, data: bytes, now: float) -> None:
         self._master_due = now + 1e-3 * self._supervised_heartbeat.timeout
-        if HEARTBEAT_LOST in self.errors:
-            self.errors.remove(HEARTBEAT_LOST)
+        if self.HEARTBEAT_LOST in self.errors:
+            self.errors.remove(self.HEARTBEAT_LOST)
             self._announce()
 
     def _on_lss(self, cob_id: int, data: bytes, now: float) -> None:
@@ -243,7 +243,7 @@ class SimulatedDrive:
                 self.axis.lose_connection()
 
     def _restart(self, keeps_application: bool) -> None:
-        self._boot_at = self.now + _BOOT_TIME
+        self._boot_at = self.now + self._BOOT_TIME
         self.node_id = (
             self.lss.pending
         )  #: with UNCONFIGURED the drive is silent until LSS sets it

@@ -19,27 +19,6 @@ from facade_manipulator.drives.states import Controlword, Status
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.simulation.drives.objects import Objects
 
-# by method: attribute of SimulatedMotor; its side of the rail's middle; direction of the index
-# pulse from there, 0 for no index pulse
-_SEARCHES = {
-    37: ('position', 1, 0),
-    35: ('position', 1, 0),
-    34: ('position', 1, 1),
-    33: ('position', 1, -1),
-    17: ('limit_switch', -1, 0),
-    1: ('limit_switch', -1, 1),
-    18: ('limit_switch', 1, 0),
-    2: ('limit_switch', 1, -1),
-    23: ('home_switch', -1, 0),
-    7: ('home_switch', -1, -1),
-    27: ('home_switch', 1, 0),
-    11: ('home_switch', 1, 1),
-    -4: ('hard_stop', -1, 0),
-    -2: ('hard_stop', -1, 1),
-    -3: ('hard_stop', 1, 0),
-    -1: ('hard_stop', 1, -1),
-}
-
 
 class SpeedRamp:
     """
@@ -121,12 +100,33 @@ class Homing(Idle):
     The carriage moves directly to its home position.
     """
 
+    # by method: attribute of SimulatedMotor; its side of the rail's middle; direction of the index
+    # pulse from there, 0 for no index pulse
+    _SEARCHES = {
+        37: ('position', 1, 0),
+        35: ('position', 1, 0),
+        34: ('position', 1, 1),
+        33: ('position', 1, -1),
+        17: ('limit_switch', -1, 0),
+        1: ('limit_switch', -1, 1),
+        18: ('limit_switch', 1, 0),
+        2: ('limit_switch', 1, -1),
+        23: ('home_switch', -1, 0),
+        7: ('home_switch', -1, -1),
+        27: ('home_switch', 1, 0),
+        11: ('home_switch', 1, 1),
+        -4: ('hard_stop', -1, 0),
+        -2: ('hard_stop', -1, 1),
+        -3: ('hard_stop', 1, 0),
+        -1: ('hard_stop', 1, -1),
+    }
+
     attained = False  #: success of the last homing; the value survives a change of mode
     _failed = False
 
     def __init__(self, objects: Objects, motor: SimulatedMotor) -> None:
         super().__init__(objects, motor)
-        methods = _SEARCHES.keys() & objects.profile.homing_methods
+        methods = self._SEARCHES.keys() & objects.profile.homing_methods
         objects.choices[indices.HOMING_METHOD, 0] = {0, *methods}
 
     def enter(self) -> None:
@@ -147,9 +147,9 @@ class Homing(Idle):
 
     def _find_home(self, method: int) -> float | None:
         """Return the home position [counts], None if the method or its switch is missing."""
-        if method not in _SEARCHES:
+        if method not in self._SEARCHES:
             return None
-        edge, side, direction = _SEARCHES[method]
+        edge, side, direction = self._SEARCHES[method]
         home = side * getattr(self._motor, edge)
         turn = self._motor.counts_per_revolution
         if edge == 'home_switch' and not home:

@@ -15,13 +15,6 @@ from facade_manipulator.drives.states import DigitalInput
 from facade_manipulator.parameters import parameter, settings
 
 STANDSTILL = 1.0  # counts/s: a slower motor is at rest
-# from the middle of the rail to both sides
-_HARD_STOP = 0.56  # m
-_LIMIT_SWITCH = 0.545  # m
-# of the motor
-_PEAK_SPEED = 1.0  # m/s
-_PEAK_ACCELERATION = 20.0  # m/s²
-_PEAK_TORQUE = 2000.0  # in thousandths of the rated torque
 
 
 @settings
@@ -52,18 +45,26 @@ class SimulationSettings:
 class SimulatedMotor:
     """Servo motor that moves a carriage."""
 
+    # from the middle of the rail to both sides
+    _HARD_STOP = 0.56  # m
+    _LIMIT_SWITCH = 0.545  # m
+    # of the motor
+    _PEAK_SPEED = 1.0  # m/s
+    _PEAK_ACCELERATION = 20.0  # m/s²
+    _PEAK_TORQUE = 2000.0  # in thousandths of the rated torque
+
     def __init__(self, settings: SimulationSettings, scale: AxisSettings) -> None:
         self._settings = settings
         self._direction = scale.direction
         self.counts_per_metre = abs(scale.counts_per_metre)
         self._force_per_torque = abs(scale.si_per_unit.force)
         # edges of stops and switches from the middle of the rail, to both sides [counts]
-        self.hard_stop = _HARD_STOP * self.counts_per_metre
-        self.limit_switch = _LIMIT_SWITCH * self.counts_per_metre
+        self.hard_stop = self._HARD_STOP * self.counts_per_metre
+        self.limit_switch = self._LIMIT_SWITCH * self.counts_per_metre
         self.home_switch = settings.home_switch_width / 2.0 * self.counts_per_metre
         self.counts_per_revolution = scale.counts_per_revolution
-        self.peak_speed = _PEAK_SPEED * self.counts_per_metre
-        self.peak_acceleration = _PEAK_ACCELERATION * self.counts_per_metre
+        self.peak_speed = self._PEAK_SPEED * self.counts_per_metre
+        self.peak_acceleration = self._PEAK_ACCELERATION * self.counts_per_metre
         self.lag = settings.lag  #: time constant of the servo [s]; a test may change it
         self.inverted: Callable[[], int] = lambda: (
             0
@@ -92,7 +93,7 @@ class SimulatedMotor:
     def torque(self) -> float:
         """Return the torque against the external force, in thousandths of the rated torque."""
         force = -self.external_force * self._direction
-        return _bounded(force / self._force_per_torque, _PEAK_TORQUE)
+        return _bounded(force / self._force_per_torque, self._PEAK_TORQUE)
 
     @property
     def carriage_position(self) -> float:

@@ -36,10 +36,7 @@ from facade_manipulator.errors import ParameterError
 Key = tuple[int, int]
 Frame = tuple[int, bytes]
 
-_STORE = (indices.STORE_PARAMETERS, 1)
-_SAVE = int.from_bytes(b'save', 'little')
-# in the EDS: the simulated drives neither list errors nor restore
-_ABSENT = (indices.ERROR_FIELD, indices.RESTORE_PARAMETERS)
+
 # that services, modes and motor read; a drive may lack 1016h
 _NEEDED = {
     (indices.COB_ID_SYNC, 0),
@@ -64,26 +61,6 @@ _NEEDED = {
     (indices.INTERPOLATION_PERIOD, 2),
     (indices.MAXIMUM_ACCELERATION, 0),
 }
-# writable, never stored
-_NEVER_STORED = {
-    indices.STORE_PARAMETERS,
-    indices.CONTROLWORD,
-    indices.MODE_OF_OPERATION,
-    indices.TARGET_POSITION,
-}
-# of the units of speeds and accelerations in the profile of a drive
-_SPEEDS = (
-    indices.ACTUAL_VELOCITY,
-    indices.MAXIMUM_VELOCITY,
-    indices.HOMING_SPEEDS,
-)
-_MOTOR_SPEEDS = (indices.MAXIMUM_MOTOR_SPEED,)
-_ACCELERATIONS = (
-    indices.PROFILE_DECELERATION,
-    indices.QUICK_STOP_DECELERATION,
-    indices.HOMING_ACCELERATION,
-    indices.MAXIMUM_ACCELERATION,
-)
 
 
 @lru_cache(maxsize=16)
@@ -162,11 +139,36 @@ class Objects(LocalNode):
     that this drive lacks. A drive restarts its objects before it uses them.
     """
 
+    _STORE = (indices.STORE_PARAMETERS, 1)
+    _SAVE = int.from_bytes(b'save', 'little')
+    # in the EDS: the simulated drives neither list errors nor restore
+    _ABSENT = (indices.ERROR_FIELD, indices.RESTORE_PARAMETERS)
+    # writable, never stored
+    _NEVER_STORED = {
+        indices.STORE_PARAMETERS,
+        indices.CONTROLWORD,
+        indices.MODE_OF_OPERATION,
+        indices.TARGET_POSITION,
+    }
+    # of the units of speeds and accelerations in the profile of a drive
+    _SPEEDS = (
+        indices.ACTUAL_VELOCITY,
+        indices.MAXIMUM_VELOCITY,
+        indices.HOMING_SPEEDS,
+    )
+    _MOTOR_SPEEDS = (indices.MAXIMUM_MOTOR_SPEED,)
+    _ACCELERATIONS = (
+        indices.PROFILE_DECELERATION,
+        indices.QUICK_STOP_DECELERATION,
+        indices.HOMING_ACCELERATION,
+        indices.MAXIMUM_ACCELERATION,
+    )
+
     def __init__(
         self, profile: DriveProfile, axis: AxisSettings, missing: Collection[int]
     ) -> None:
         self.profile = profile
-        self.missing = [*_ABSENT, *missing]
+        self.missing = [*self._ABSENT, *missing]
         self.outbox = Outbox()
         self.values: dict[Key, Any] = {}
         #: in which this drive differs from the EDS after a reset, without and with 1010h
@@ -175,13 +177,13 @@ class Objects(LocalNode):
         self.readers: dict[Key, Callable[[], Any]] = {}  #: return measured values
         self.choices: dict[Key, Collection[int]] = {}  #: permitted values of an object
         #: called before a value is stored; each acts on it or raises an `SdoAbortedError`
-        self.writers: dict[Key, Callable[[int], None]] = {_STORE: self._store}
+        self.writers: dict[Key, Callable[[int], None]] = {self._STORE: self._store}
         #: units of speeds per count/s, and of accelerations per count/s², by index
         self.units: dict[int, float] = {}
         for unit, quantities in (
-            (profile.velocity_unit, _SPEEDS),
-            (profile.motor_speed_unit, _MOTOR_SPEEDS),
-            (profile.acceleration_unit, _ACCELERATIONS),
+            (profile.velocity_unit, self._SPEEDS),
+            (profile.motor_speed_unit, self._MOTOR_SPEEDS),
+            (profile.acceleration_unit, self._ACCELERATIONS),
         ):
             scaled = replace(axis, velocity_unit=unit)
             for index in quantities:
@@ -219,11 +221,11 @@ class Objects(LocalNode):
 
     def _store(self, signature: int) -> None:
         """Store all writable values, with effect after a reset."""
-        if signature != _SAVE:
+        if signature != self._SAVE:
             raise SdoAbortedError(constants.ABORT_STORE_APPLICATION)
         self.stored = {}
         for key, variable in self.variables.items():
-            is_setting = variable.writable and key[0] not in _NEVER_STORED
+            is_setting = variable.writable and key[0] not in self._NEVER_STORED
             default = self.defaults.get(key, variable.default)
             if is_setting and self.values[key] != default:
                 self.stored[key] = self.values[key]
@@ -247,5 +249,5 @@ class Objects(LocalNode):
             raise SdoAbortedError(constants.ABORT_INVALID_VALUE)
         if key in self.writers:
             self.writers[key](value)
-        if key != _STORE:
+        if key != self._STORE:
             self.values[key] = value

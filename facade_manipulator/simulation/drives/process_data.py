@@ -24,8 +24,6 @@ from facade_manipulator.canopen import indices
 from facade_manipulator.canopen.pdo import MAPPING_OFFSET, Pdo, PDO_NAMES
 from facade_manipulator.simulation.drives.objects import Objects
 
-_PARAMETERS = [Pdo(name).communication_index for name in PDO_NAMES]
-
 
 class ProcessData:
     """
@@ -34,10 +32,12 @@ class ProcessData:
     `on_short_frame` is called when an RPDO is too short for its mapping.
     """
 
+    _PARAMETERS = [Pdo(name).communication_index for name in PDO_NAMES]
+
     def __init__(self, objects: Objects, on_short_frame: Callable[[], None]) -> None:
         self._objects = objects
         self._on_short_frame = on_short_frame
-        for communication in _PARAMETERS:
+        for communication in self._PARAMETERS:
             objects.writers[communication, 1] = self.forget
             for subindex in range(9):
                 objects.writers[communication + MAPPING_OFFSET, subindex] = partial(

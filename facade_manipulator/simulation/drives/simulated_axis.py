@@ -33,8 +33,6 @@ from facade_manipulator.simulation.drives.modes import (
 from facade_manipulator.simulation.drives.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.simulation.drives.objects import Objects
 
-_LONGEST_STEP = 0.001  # s
-
 # error codes
 FOLLOWING_ERROR = 0x8611
 SOFTWARE_LIMIT = 0x8A82
@@ -43,14 +41,6 @@ _LIMIT_SWITCH_ERRORS = {
     DigitalInput.NEGATIVE_LIMIT_SWITCH: 0x8A80,
     DigitalInput.POSITIVE_LIMIT_SWITCH: 0x8A81,
 }
-_NO_WINDOW = 0xFFFFFFFF
-
-# option codes 605Ah, after the quick stop ramp 6085h
-_POWER_OFF = 2
-_KEEP_STANDING = 6
-_QUICK_STOP_OPTIONS = (_POWER_OFF, _KEEP_STANDING)
-# option codes 6007h
-_CONNECTION_COMMANDS = {2: Controlword.DISABLE_VOLTAGE, 3: Controlword.QUICK_STOP}
 
 
 class SimulatedAxis:
@@ -60,6 +50,16 @@ class SimulatedAxis:
     `report` receives the code of each detected error. `reset_errors` resets the errors and returns
     whether no error is left.
     """
+
+    _LONGEST_STEP = 0.001  # s
+    _NO_WINDOW = 0xFFFFFFFF
+
+    # option codes 605Ah, after the quick stop ramp 6085h
+    _POWER_OFF = 2
+    _KEEP_STANDING = 6
+    _QUICK_STOP_OPTIONS = (_POWER_OFF, _KEEP_STANDING)
+    # option codes 6007h
+    _CONNECTION_COMMANDS = {2: Controlword.DISABLE_VOLTAGE, 3: Controlword.QUICK_STOP}
 
     def __init__(
         self,
@@ -101,8 +101,8 @@ class SimulatedAxis:
             }
         )
         objects.choices |= {
-            (indices.QUICK_STOP_OPTION, 0): _QUICK_STOP_OPTIONS,
-            (indices.FAULT_REACTION_OPTION, 0): [_POWER_OFF],
+            (indices.QUICK_STOP_OPTION, 0): self._QUICK_STOP_OPTIONS,
+            (indices.FAULT_REACTION_OPTION, 0): [self._POWER_OFF],
             (indices.MODE_OF_OPERATION, 0): self.modes,
         }
         objects.writers.update(
@@ -172,7 +172,7 @@ class SimulatedAxis:
             # a repeated controlword does not cancel a stop by the drive itself
             is_permitted = (
                 command is not decode_command(before)
-                and self._values[indices.QUICK_STOP_OPTION, 0] == _KEEP_STANDING
+                and self._values[indices.QUICK_STOP_OPTION, 0] == self._KEEP_STANDING
             )
         if is_permitted:
             self._obey(command)
@@ -237,8 +237,8 @@ class SimulatedAxis:
     def lose_connection(self) -> None:
         """React to a lost master, an NMT stop or a reset, as 6007h or its replacement demands."""
         option = self._values.get((self._objects.profile.lost_master_reaction, 0), 0)
-        if option in _CONNECTION_COMMANDS:
-            self._obey(_CONNECTION_COMMANDS[option])
+        if option in self._CONNECTION_COMMANDS:
+            self._obey(self._CONNECTION_COMMANDS[option])
         elif option == 1:  # a fault
             self.fail(keeps_power=True)
 
@@ -248,7 +248,7 @@ class SimulatedAxis:
         """Move from the time of the previous call to `now` [s], which never decreases."""
         span = now - self._time
         self._time = now
-        count = math.ceil(span / _LONGEST_STEP - 1e-6) if self.is_moving else 0
+        count = math.ceil(span / self._LONGEST_STEP - 1e-6) if self.is_moving else 0
         for _ in range(count):
             if self.state in POWERED_STATES:
                 self._step(span / count)
@@ -278,7 +278,7 @@ class SimulatedAxis:
             acceleration,
         )
         window = self._values[indices.FOLLOWING_ERROR_WINDOW, 0]
-        is_late = window != _NO_WINDOW and abs(self.following_error) > window
+        is_late = window != self._NO_WINDOW and abs(self.following_error) > window
         self._late = self._late + step if is_late else 0.0
         longest = self._values[indices.FOLLOWING_ERROR_TIME, 0]
         if is_late and 1e3 * self._late > longest:
@@ -293,7 +293,7 @@ class SimulatedAxis:
         if stop and stop.speed == 0.0 and abs(motor.velocity) < STANDSTILL:
             if self.state is State.FAULT_REACTION_ACTIVE:
                 self._enter(State.FAULT)
-            elif self._values[indices.QUICK_STOP_OPTION, 0] != _KEEP_STANDING:
+            elif self._values[indices.QUICK_STOP_OPTION, 0] != self._KEEP_STANDING:
                 self._enter(State.SWITCH_ON_DISABLED)
 
 

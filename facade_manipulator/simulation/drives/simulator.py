@@ -15,12 +15,12 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.errors import BusError
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
-_LONGEST_WAIT = 0.1  # s: maximum time to stop when the bus is quiet
-_PAUSE = 0.05  # s, after an error of the bus, such as an interface that is down
-
 
 class DriveSimulator(AbstractContextManager['DriveSimulator']):
     """Simulated drives that have power and share one bus until the end of the context."""
+
+    _LONGEST_WAIT = 0.1  # s: maximum time to stop when the bus is quiet
+    _PAUSE = 0.05  # s, after an error of the bus, such as an interface that is down
 
     def __init__(self, bus: can.BusABC, drives: Sequence[SimulatedDrive]) -> None:
         self._bus = CanBus(bus)
@@ -63,9 +63,9 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
             pause = min(drive.deadline for drive in self._drives) - time.monotonic()
             received = None
             try:
-                received = self._bus.receive(min(max(pause, 0.0), _LONGEST_WAIT))
+                received = self._bus.receive(min(max(pause, 0.0), self._LONGEST_WAIT))
             except BusError:  # drives continue while the interface is down
-                self._stopping.wait(_PAUSE)
+                self._stopping.wait(self._PAUSE)
             with self._lock:
                 self._advance(received)
 

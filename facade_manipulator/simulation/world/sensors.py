@@ -20,11 +20,6 @@ RAW_SENSORS = {
     'range_2': (100.0, 0.008),
     'fix_x': (100.0 / 3.0, 0.06),
 }
-GYROSCOPE_BIAS = 1e-3  # rad/s
-ACCELEROMETER_BIAS = 0.02  # m/s²
-PLACE_NOISE = 2e-4  # m, standard deviation from one place of the wall to another
-WAVES = 40  # in the error that depends on the place on the wall
-WAVELENGTHS = (0.03, 0.3)  # m
 
 
 class DelayedQueue:
@@ -89,20 +84,26 @@ class Measurement(NamedTuple):
 class RawSensors(DelayedQueue):
     """An inertial sensor, two distance sensors and a camera that sees a mark."""
 
+    GYROSCOPE_BIAS = 1e-3  # rad/s
+    ACCELEROMETER_BIAS = 0.02  # m/s²
+    PLACE_NOISE = 2e-4  # m, standard deviation from one place of the wall to another
+    WAVES = 40  # in the error that depends on the place on the wall
+    WAVELENGTHS = (0.03, 0.3)  # m
+
     def __init__(self, random: np.random.Generator) -> None:
         super().__init__()
         self._random = random
-        self._wave_numbers = math.tau / np.geomspace(*WAVELENGTHS, WAVES)
+        self._wave_numbers = math.tau / np.geomspace(*self.WAVELENGTHS, self.WAVES)
         self._phases = {
-            name: random.uniform(0.0, math.tau, WAVES) for name in RAW_SENSORS
+            name: random.uniform(0.0, math.tau, self.WAVES) for name in RAW_SENSORS
         }
 
     def sample(self, model: Any, data: Any, name: str, stamp: float) -> None:
         """Read a sensor at a stamp [s] and send the reading, which arrives after its latency."""
         if name == 'imu':
-            rates = self._noisy('gyro', model, data, GYROSCOPE_BIAS)
+            rates = self._noisy('gyro', model, data, self.GYROSCOPE_BIAS)
             values = rates + self._noisy(
-                'accelerometer', model, data, ACCELEROMETER_BIAS
+                'accelerometer', model, data, self.ACCELEROMETER_BIAS
             )
         else:
             offset = self._place_error(name, data)
@@ -123,4 +124,4 @@ class RawSensors(DelayedQueue):
         """Return the error [m] due to dirt, texture and unevenness of a place on the wall."""
         place = data.site('camera' if name == 'fix_x' else name).xpos[0]
         waves = np.cos(self._wave_numbers * place + self._phases[name])
-        return PLACE_NOISE * math.sqrt(2.0 / WAVES) * float(waves.sum())
+        return self.PLACE_NOISE * math.sqrt(2.0 / self.WAVES) * float(waves.sum())

@@ -21,9 +21,6 @@ import numpy as np
 
 from facade_manipulator.simulation.world.scenario import Gondola, Wind
 
-AIR_DENSITY = 1.2  # kg/m³
-FREQUENCIES = (1e-4, 5.0)  # Hz; 4 % of the variance at 5 m/s is outside
-TONES = 250
 SHARES = np.array([1.0, 0.8])  # σ_k / σ_u
 HEIGHT = 40.0  # m above ground
 GUST_LENGTHS = np.array([8.1, 2.7]) * 0.7 * HEIGHT  # L_k [m]
@@ -40,15 +37,18 @@ def spectral_density(wind: Wind, frequencies: np.ndarray) -> np.ndarray:
 class Gusts:
     """Wind velocity as a function of time: the mean and tones with seeded random phases."""
 
+    FREQUENCIES = (1e-4, 5.0)  # Hz; 4 % of the variance at 5 m/s is outside
+    TONES = 250
+
     def __init__(self, wind: Wind, random: np.random.Generator) -> None:
-        edges = np.geomspace(*FREQUENCIES, TONES + 1)
+        edges = np.geomspace(*self.FREQUENCIES, self.TONES + 1)
         # a random frequency in each band, so that the gusts do not repeat
-        frequencies = edges[:-1] * (edges[1:] / edges[:-1]) ** random.random(TONES)
+        frequencies = edges[:-1] * (edges[1:] / edges[:-1]) ** random.random(self.TONES)
         # a tone of amplitude √(2 S Δf) has the variance S Δf of its band
         density = spectral_density(wind, frequencies)
         self._amplitudes = np.sqrt(2.0 * density * np.diff(edges))
         self._rates = math.tau * frequencies
-        self._phases = random.uniform(0.0, math.tau, (2, TONES))
+        self._phases = random.uniform(0.0, math.tau, (2, self.TONES))
 
         cosine = math.cos(wind.direction)
         sine = math.sin(wind.direction)
@@ -59,6 +59,9 @@ class Gusts:
         """Return the wind along x and y [m/s] at a time [s]."""
         waves = np.cos(self._rates * time + self._phases)
         return self.mean + self._turn @ (self._amplitudes * waves).sum(axis=1)
+
+
+AIR_DENSITY = 1.2  # kg/m³
 
 
 def drag(gondola: Gondola, wind: np.ndarray) -> np.ndarray:

@@ -17,9 +17,6 @@ from facade_manipulator.simulation.world.mujoco_model import build_model, initia
 from facade_manipulator.simulation.world.scenario import Scenario
 from facade_manipulator.simulation.world.wind import drag, Gusts
 
-CLEARANCE = 0.02  # m, from the wall to the head at the start
-WIND_RATE = 100.0  # Hz, of changes of the wind's force
-
 
 class CarriageServos:
     """
@@ -75,6 +72,9 @@ class World:
 
     """
 
+    CLEARANCE = 0.02  # m, from the wall to the head at the start
+    WIND_RATE = 100.0  # Hz, of changes of the wind's force
+
     def __init__(
         self,
         scenario: Scenario,
@@ -88,7 +88,7 @@ class World:
         is_prescribed = any(vars(scenario.motion).values())
         self.model = build_model(geometry, scenario, is_prescribed)
         goal = scenario.mission.goal(0.0)
-        off_wall = goal._replace(y=min(goal.y, scenario.wall.distance - CLEARANCE))
+        off_wall = goal._replace(y=min(goal.y, scenario.wall.distance - self.CLEARANCE))
         self.data: Any = initial_state(self.model, geometry, head or off_wall)
         self._servos = CarriageServos(self.model, self.carriages, drive_lag)
         # the weld is a spring and a damper of 2 timeconst, and the damper resists the carrier
@@ -114,7 +114,7 @@ class World:
             self._begin_motion()
         elif scenario.wind.mean_speed:
             blow = partial(self._blow, Gusts(scenario.wind, wind))
-            self._tasks.append((WIND_RATE, blow))
+            self._tasks.append((self.WIND_RATE, blow))
 
     @property
     def time(self) -> float:

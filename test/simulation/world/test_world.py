@@ -120,7 +120,7 @@ def test_carriages_follow_a_ramp_late_by_the_drive_lag():
 def test_raw_sensors_read_the_prescribed_motion(monkeypatch):
     """Overwriting the position of the box would make the accelerometer read 30 % of the truth."""
     for name in ('GYROSCOPE_BIAS', 'ACCELEROMETER_BIAS', 'PLACE_NOISE'):
-        monkeypatch.setattr(sensors, name, 0.0)
+        monkeypatch.setattr(sensors.RawSensors, name, 0.0)
     world = World(Scenario(motion=Motion(**SINES), raw_sensors=True), GEOMETRY)
     world.model.sensor_noise[:] = 0.0
     finish(world, 4.0)
