@@ -11,8 +11,6 @@ import numpy as np
 
 from facade_manipulator.errors import CalibrationError
 
-UNIT_SUFFIXES = {'': 1.0, '_m': 1.0, '_mm': 1e-3, '_rad': 1.0, '_deg': np.pi / 180.0}
-
 
 def read_table(
     path: Path, required: Sequence[str], optional: Sequence[str] = ()
@@ -61,6 +59,9 @@ def read_table(
                 f'{len(header)} finite numbers; next: complete it, with decimal points'
             )
     return table[1:]
+
+
+UNIT_SUFFIXES = {'': 1.0, '_m': 1.0, '_mm': 1e-3, '_rad': 1.0, '_deg': np.pi / 180.0}
 
 
 def _columns(

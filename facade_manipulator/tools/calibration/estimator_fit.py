@@ -21,20 +21,7 @@ from facade_manipulator.tools.calibration import robust
 from facade_manipulator.tools.calibration.geometry_fit import head_poses, in_units
 
 SOUGHT = 'x of the mounting', 'y of the mounting', 'yaw of the mounting', 'delay'
-# Required standard deviations [m, m, rad, s]: at 1° of yaw 0.02 m of lever arm are 0.35 mm.
-NEEDED_DEVIATIONS = np.array([0.02, 0.02, 0.005, 0.01])
-# The next parameters: delay of the instrument; pose, drift and bend of its frame.
-SCALES = np.append(NEEDED_DEVIATIONS, np.full(10, 0.01))
-# places of the parameters
-DELAY = 3
-LATE = 4
-FRAME = 5
 LONGEST_DELAY = 0.5  # s
-MIN_OVERLAP = 20.0  # s
-MOST_SAMPLES = 3000
-MOST_LEFT = 0.5  # of the motion's standard deviation
-CUTOFF = 3.0  # Hz, well above the sway of a gondola
-SMALL = 0.01  # m, rad; smaller residuals are not a contradiction
 
 
 class EstimatorRecording(NamedTuple):
@@ -52,6 +39,18 @@ class EstimatorFit(NamedTuple):
     deviations: np.ndarray  #: of x, y, yaw and delay [m, m, rad, s], shape (4,)
     late: float  #: delay of the instrument's stamps [s]
     residual: np.ndarray  #: standard deviation on the wall without outliers, shape (3,)
+
+
+# Required standard deviations [m, m, rad, s]: at 1° of yaw 0.02 m of lever arm are 0.35 mm.
+NEEDED_DEVIATIONS = np.array([0.02, 0.02, 0.005, 0.01])
+# The next parameters: delay of the instrument; pose, drift and bend of its frame.
+SCALES = np.append(NEEDED_DEVIATIONS, np.full(10, 0.01))
+# places of the parameters
+DELAY = 3
+LATE = 4
+FRAME = 5
+MOST_LEFT = 0.5  # of the motion's standard deviation
+SMALL = 0.01  # m, rad; smaller residuals are not a contradiction
 
 
 def fit_estimator(
@@ -169,6 +168,10 @@ def _complex(poses: np.ndarray) -> np.ndarray:
     return poses[:, 0] + 1j * poses[:, 1]
 
 
+MIN_OVERLAP = 20.0  # s
+MOST_SAMPLES = 3000
+
+
 def _in_common(recording: EstimatorRecording) -> EstimatorRecording:
     """Return the period common to all series; stamps count from the first disturbance [s]."""
     # seconds since 1970 leave too few digits for a delay
@@ -186,6 +189,9 @@ def _in_common(recording: EstimatorRecording) -> EstimatorRecording:
     wall = wall[(begin <= wall[:, 0]) & (wall[:, 0] <= end)]
     every = max(1, len(wall) // MOST_SAMPLES)
     return EstimatorRecording(disturbance, joints, wall[::every])
+
+
+CUTOFF = 3.0  # Hz, well above the sway of a gondola
 
 
 def _smoothed(disturbance: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:

@@ -33,17 +33,6 @@ HEAD_AXES = ('x', 'y', 'theta')  # of the head
 IN_MM = ('mm', 1e3)
 IN_DEG = ('deg', 180.0 / np.pi)
 HEAD_UNITS = IN_MM, IN_MM, IN_DEG  # of the head
-# share of its tolerance: an error measured worse than this adds little to the drawing
-NEEDED_SHARE = 0.5
-# maximum share of rows that contradict; more mean another machine, unit or frame
-MOST_OUTLIERS = 0.25
-MOST_SCATTER = 5.0  # times the stated noise
-MOST_HEAD_DEVIATION = 5.0  # times the stated noise, anywhere in the workspace
-HELD_OUT_EVERY = 4  # rows
-DIFFERENCE_STEP = 1e-4  # of a tolerance, for differences
-# m, distance from stroke and gap, whose true values are unknown before calibration
-MEASUREMENT_MARGIN = 0.004
-MIN_POSE_CONDITIONING = 0.1  # of the poses to measure at
 
 
 # Description of each error, its manufacturing standard deviation [m, rad], unit of the report.
@@ -63,8 +52,6 @@ GEOMETRY_ERRORS = (
     ("y of the rail in the instrument's frame", 1.0, IN_MM),
     ("angle of the rail in the instrument's frame", 1.0, IN_DEG),
 )
-TOLERANCES = np.array([tolerance for _, tolerance, _ in GEOMETRY_ERRORS])
-IN_RAIL = list(range(11))
 # The frame of the instrument replaces the two errors that move all heads in the same way.
 IN_ANY_FRAME = [0, 1, 2, 3, 4, 5, 8, 9, 10, 11, 12, 13]
 FIELDS = 'link_errors', 'platform_errors', 'carriage_offsets', 'rail_angle', 'tool'
@@ -131,6 +118,13 @@ def head_differences(heads: np.ndarray, others: np.ndarray) -> np.ndarray:
     differences = heads - others
     differences[:, 2] = (differences[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     return differences
+
+
+# share of its tolerance: an error measured worse than this adds little to the drawing
+NEEDED_SHARE = 0.5
+MOST_HEAD_DEVIATION = 5.0  # times the stated noise, anywhere in the workspace
+TOLERANCES = np.array([tolerance for _, tolerance, _ in GEOMETRY_ERRORS])
+IN_RAIL = list(range(11))
 
 
 def fit_geometry(
@@ -228,6 +222,9 @@ def _first_frame(drawing: Geometry, measurements: Measurements) -> Pose:
     return compose(Pose(*seen), invert(Pose(*drawn)))
 
 
+DIFFERENCE_STEP = 1e-4  # of a tolerance, for differences
+
+
 def _greatest_deviation(
     expected: Callable[[np.ndarray], np.ndarray],
     scaled: np.ndarray,
@@ -244,6 +241,11 @@ def _greatest_deviation(
     rates = np.array(differences) / (2.0 * DIFFERENCE_STEP)
     variances = np.einsum('mni,mk,kni->ni', rates, covariance, rates)
     return np.sqrt(np.nanmax(variances, axis=0))
+
+
+# maximum share of rows that contradict; more mean another machine, unit or frame
+MOST_OUTLIERS = 0.25
+MOST_SCATTER = 5.0  # times the stated noise
 
 
 def _fit_rows(
@@ -286,6 +288,9 @@ def in_units(pose: np.ndarray) -> str:
     return ', '.join(finite) if finite else 'the links do not close'
 
 
+HELD_OUT_EVERY = 4  # rows
+
+
 def held_out_errors(
     drawing: Geometry, measurements: Measurements, noise: np.ndarray, found: GeometryFit
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -307,6 +312,11 @@ def held_out_errors(
         return np.ma.sqrt((off**2).mean(axis=0)).filled(np.nan)
 
     return rms(drawing), rms(fitted.geometry)
+
+
+# m, distance from stroke and gap, whose true values are unknown before calibration
+MEASUREMENT_MARGIN = 0.004
+MIN_POSE_CONDITIONING = 0.1  # of the poses to measure at
 
 
 def permitted_carriages(geometry: Geometry) -> np.ndarray:

@@ -9,7 +9,6 @@ import numpy as np
 INLIER_RESIDUAL = 2.5  # standard deviations, up to which the loss is nearly quadratic
 OUTLIER_RESIDUAL = 4.5  # standard deviations
 FAR_RESIDUAL = 1e6  # standard deviations, value of a residual that cannot be evaluated
-LEAST_SHARE = 0.3  # of a parameter in the unit vector of a combination
 
 
 def fit(
@@ -44,6 +43,9 @@ def fit(
         finite, start, loss=loss, f_scale=INLIER_RESIDUAL, diff_step=1e-4, xtol=1e-10
     )
     return found.x, found.jac
+
+
+LEAST_SHARE = 0.3  # of a parameter in the unit vector of a combination
 
 
 def unidentified(

@@ -20,18 +20,6 @@ from facade_manipulator.tools.commissioning import (
 from facade_manipulator.tools.commissioning.procedure import Context
 from facade_manipulator.tools.parameter_files import announce
 
-STEPS = [
-    'scan',
-    'assign',
-    *(
-        f'{command} {axis}'
-        for command in ('profile --check', 'backup', 'direction', 'jog', 'lead')
-        for axis in AXIS_NAMES
-    ),
-    'lag',
-    'stop-test',
-]
-
 
 def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
     """Run a command; return its exit status. `access` gives the context its bus and clock."""
@@ -48,6 +36,19 @@ def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
         written = f'Written into {context.overlay.path}: {context.written}'
         print(*filter(None, (context.state, written)), sep='\n', file=sys.stderr)
     return status
+
+
+STEPS = [
+    'scan',
+    'assign',
+    *(
+        f'{command} {axis}'
+        for command in ('profile --check', 'backup', 'direction', 'jog', 'lead')
+        for axis in AXIS_NAMES
+    ),
+    'lag',
+    'stop-test',
+]
 
 
 def run_status(context: Context) -> None:
@@ -78,6 +79,22 @@ def _length(
         'metavar': unit,
         'help': f'at most {most:g} (otherwise {default})',
     }
+
+
+def _common() -> argparse.ArgumentParser:
+    """Return the options of each command; parsers that share them would share their defaults."""
+    common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
+    common.add_argument(
+        '--parameters',
+        type=Path,
+        metavar='YAML',
+        help='parameter file of the machine (otherwise '
+        'manipulator.yaml, or the installed one); machine.yaml beside it gets the results',
+    )
+    common.add_argument(
+        '--yes', action='store_true', help='answer yes to every question'
+    )
+    return common
 
 
 AXIS: dict[str, dict[str, Any]] = {'axis': {'choices': AXIS_NAMES}}
@@ -164,22 +181,6 @@ SUBCOMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]
     'lag': (carriage_measurements.run_lag, {}),
     'stop-test': (stop_test.run_stop_test, {'--speed': _length(1, 300, '200', 'MM/S')}),
 }
-
-
-def _common() -> argparse.ArgumentParser:
-    """Return the options of each command; parsers that share them would share their defaults."""
-    common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
-    common.add_argument(
-        '--parameters',
-        type=Path,
-        metavar='YAML',
-        help='parameter file of the machine (otherwise '
-        'manipulator.yaml, or the installed one); machine.yaml beside it gets the results',
-    )
-    common.add_argument(
-        '--yes', action='store_true', help='answer yes to every question'
-    )
-    return common
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -18,14 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-POSITION_ERROR = 3e-5  # m, of a position at its time: jitter of SYNC and resolution
-_AT_REST = 1e-5  # m, from the rest position
-# number of values tried
-_DELAYS = 400
-_LAGS = 4
-_MOST_LAG = 1.5  # times the lag of the parameters: it differs between speeds and loads
-_MOST = 200.0  # m/s², above any brake of a carriage
-
 
 class Deceleration(NamedTuple):
     """Estimated deceleration with its uncertainty [m/s²]."""
@@ -36,6 +28,15 @@ class Deceleration(NamedTuple):
 
     def __str__(self) -> str:
         return f'{self.best:.2f} m/s^2 ({self.least:.2f} to {self.most:.2f})'
+
+
+POSITION_ERROR = 3e-5  # m, of a position at its time: jitter of SYNC and resolution
+_AT_REST = 1e-5  # m, from the rest position
+# number of values tried
+_DELAYS = 400
+_LAGS = 4
+_MOST_LAG = 1.5  # times the lag of the parameters: it differs between speeds and loads
+_MOST = 200.0  # m/s², above any brake of a carriage
 
 
 def fit_deceleration(

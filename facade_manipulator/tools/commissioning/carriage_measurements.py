@@ -16,18 +16,8 @@ from facade_manipulator.kinematics.planar import MM
 from facade_manipulator.tools.commissioning.low_speed_motion import Motion, powered
 from facade_manipulator.tools.commissioning.procedure import Context
 
-_APPROACH = 5e-4  # m/s, speed towards the switch
-_RETREAT = 1e-3  # m, travel back from it
-_WIDE_SPREAD = 2e-4  # m; every tenth SYNC reports the inputs, 0.05 mm apart
 _PUSHED = 0.002  # m
 _PATIENCE = 120.0  # s
-_LAG_SPEEDS = (0.01, 0.04)  # m/s
-_LAG_TRAVEL = 0.02  # m
-_DELAY = 2  # cycles from the choice of a target to the SYNC at which the drive should reach it
-_ALIKE = 0.002  # s, maximum difference of the lag of an axis
-_MS = 1e3
-# homing methods that search for the home switch, by their initial direction
-_HOME_SWITCH_METHODS = {1: (23, 24, 7, 8), -1: (27, 28, 11, 12)}
 
 
 def run_direction(context: Context) -> None:
@@ -111,6 +101,13 @@ def run_lead(context: Context) -> None:
     context.record(f'lead {name}', {f'{name}.lead': round(lead * ratio, 6)})
 
 
+_APPROACH = 5e-4  # m/s, speed towards the switch
+_RETREAT = 1e-3  # m, travel back from it
+_WIDE_SPREAD = 2e-4  # m; every tenth SYNC reports the inputs, 0.05 mm apart
+# homing methods that search for the home switch, by their initial direction
+_HOME_SWITCH_METHODS = {1: (23, 24, 7, 8), -1: (27, 28, 11, 12)}
+
+
 def run_home_switch(context: Context) -> None:
     """Approach the switch repeatedly; report the spread, and write the homing method."""
     name = context.options.axis
@@ -181,6 +178,13 @@ def _find_edge(
         f'no change of the home switch within {MM * motion.window:.0f} mm; next: jog nearer, '
         'change --towards, or check its cable and 60FDh in the pdos of the profile'
     )
+
+
+_LAG_SPEEDS = (0.01, 0.04)  # m/s
+_LAG_TRAVEL = 0.02  # m
+_DELAY = 2  # cycles from the choice of a target to the SYNC at which the drive should reach it
+_ALIKE = 0.002  # s, maximum difference of the lag of an axis
+_MS = 1e3
 
 
 def run_lag(context: Context) -> None:

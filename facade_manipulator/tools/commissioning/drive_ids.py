@@ -30,8 +30,6 @@ from facade_manipulator.tools.commissioning.tool_bus import (
     ToolBus,
 )
 
-_BOOTING = 0.5  # s
-
 
 def run_scan(context: Context) -> None:
     """Print the nodes on the bus; fail if they differ from the parameters."""
@@ -153,6 +151,9 @@ def _axis_of(context: Context, found: Identity) -> str:
     if answer and answer not in AXIS_NAMES:
         raise CommissioningError(f'{answer} rejected: choose {", ".join(AXIS_NAMES)}')
     return answer
+
+
+_BOOTING = 0.5  # s
 
 
 def _configure(

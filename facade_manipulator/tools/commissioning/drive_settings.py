@@ -29,21 +29,6 @@ from facade_manipulator.package_files import atomic_write
 from facade_manipulator.tools.commissioning.procedure import Context
 
 TYPE_ENTRIES = ((indices.IDENTITY, 1), (indices.IDENTITY, 2))
-IDENTITY_ENTRIES = (*TYPE_ENTRIES, (indices.IDENTITY, 3), (indices.IDENTITY, 4))
-_CYCLIC_POSITION = 1 << 7  # in 6502h
-# writable, but not settings
-_NOT_SETTINGS = {
-    indices.ERROR_FIELD,
-    indices.STORE_PARAMETERS,
-    indices.RESTORE_PARAMETERS,
-    indices.CONTROLWORD,
-    indices.MODE_OF_OPERATION,
-    indices.TARGET_TORQUE,
-    indices.TARGET_POSITION,
-    indices.TARGET_VELOCITY,
-}
-_STORING_TIME = 5.0  # s
-_ALL_BITS = -1  # mask of an object of any size
 _NOT_STORED = (
     '{} may have new values, which are not stored; next: switch its power off and on'
 )
@@ -83,6 +68,9 @@ def run_profile(context: Context) -> None:
             context.record(f'profile --check {name}', {})
     if problems:
         raise CommissioningError('\n! '.join(['profile rejected:', *problems]))
+
+
+_CYCLIC_POSITION = 1 << 7  # in 6502h
 
 
 def differences(
@@ -133,6 +121,20 @@ def run_backup(context: Context) -> None:
     context.record(f'backup {name}', {})
 
 
+IDENTITY_ENTRIES = (*TYPE_ENTRIES, (indices.IDENTITY, 3), (indices.IDENTITY, 4))
+# writable, but not settings
+_NOT_SETTINGS = {
+    indices.ERROR_FIELD,
+    indices.STORE_PARAMETERS,
+    indices.RESTORE_PARAMETERS,
+    indices.CONTROLWORD,
+    indices.MODE_OF_OPERATION,
+    indices.TARGET_TORQUE,
+    indices.TARGET_POSITION,
+    indices.TARGET_VELOCITY,
+}
+
+
 def read_values(drive: SdoChannel, objects: Objects) -> Steps[dict[Key, Any]]:
     """Return identity and settings of a drive; sizes of numbers may differ from the EDS."""
     values = {}
@@ -152,6 +154,9 @@ def read_values(drive: SdoChannel, objects: Objects) -> Steps[dict[Key, Any]]:
                     else variable.decode_raw(data)
                 )
     return values
+
+
+_STORING_TIME = 5.0  # s
 
 
 def run_restore(context: Context) -> None:
@@ -205,6 +210,9 @@ def run_restore(context: Context) -> None:
                 f'{name} has not stored these values: ' + '; '.join(lost.values())
             )
     print(f'{name}: {len(writes)} objects written, stored, and the same after a reset.')
+
+
+_ALL_BITS = -1  # mask of an object of any size
 
 
 def _write(key: Key, variable: ODVariable) -> Write:

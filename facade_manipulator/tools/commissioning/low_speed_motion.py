@@ -28,12 +28,6 @@ from facade_manipulator.kinematics.planar import MM
 from facade_manipulator.tools.commissioning.procedure import Context
 
 RAMP_ACCELERATION = 1.0  # m/s²
-# Hz, rate of the cycles: maximum rate of the snapshots of the controller
-_MOST_RATE = 100
-# a blocked carriage stops
-_FOLLOWING_ERROR = 0.003  # m
-_FOLLOWING_TIME = 0.04  # s, of the speed
-_MISSED_CYCLES = 10  # this process has no real-time priority: ignore delays of 0.1 s
 
 
 class _Ramp:
@@ -100,13 +94,18 @@ class _Ramp:
 class Motion:
     """Carriages under power; each `turn` is a cycle of the driver's controller."""
 
+    # Hz, rate of the cycles: maximum rate of the snapshots of the controller
+    _MOST_RATE = 100
+    # this process has no real-time priority: ignore delays of 0.1 s
+    _MISSED_CYCLES = 10
+
     def __init__(
         self, context: Context, moved: list[str], window: float, speed: float
     ) -> None:
         settings = replace(
             context.controller,
-            max_missed_cycles=_MISSED_CYCLES,
-            rate=min(context.controller.rate, _MOST_RATE),
+            max_missed_cycles=self._MISSED_CYCLES,
+            rate=min(context.controller.rate, self._MOST_RATE),
         )
         self.period = settings.period
         self.window = window
@@ -169,6 +168,11 @@ class Motion:
         while not self.targets.at_rest:
             self.turn()
         return [self.turn() for _ in range(round(seconds / self.period))][-1]
+
+
+# a blocked carriage stops
+_FOLLOWING_ERROR = 0.003  # m
+_FOLLOWING_TIME = 0.04  # s, of the speed
 
 
 def _narrowed(axis: AxisSettings, window: float, speed: float) -> AxisSettings:

@@ -39,11 +39,14 @@ from facade_manipulator.tools.commissioning.tool_bus import ToolBus
 from facade_manipulator.tools.parameter_files import read_machine
 from facade_manipulator.tools.stopping import read_analysis
 
-HEADER = '# Written by `commission`; nodes load this file after the parameter file of the machine.'
-
 
 class Overlay:
     """Parameters of the driver, and the time of each completed step of commissioning."""
+
+    HEADER = (
+        '# Written by `commission`; nodes load this file after the parameter file of the '
+        'machine.'
+    )
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -74,7 +77,7 @@ class Overlay:
         done = [f'# done: {name} at {when}' for name, when in steps.items()]
         text = yaml.safe_dump(content, sort_keys=False) if content else ''
         with atomic_write(self.path) as draft:
-            draft.write_text('\n'.join([HEADER, *done, text]), 'utf-8')
+            draft.write_text('\n'.join([self.HEADER, *done, text]), 'utf-8')
 
     def _text(self) -> str:
         return self.path.read_text('utf-8', 'replace') if self.path.exists() else ''

@@ -42,18 +42,7 @@ REMEDIES = {
     SILENT_MASTER: 'check 1016h and 6007h',
     POWER_OFF: 'give the deceleration below to stopping',
 }
-MASTER_SILENCE = (
-    1.0  # s without frames of the master, after which every drive must be at rest
-)
 _STEADY = 5  # cycles at the speed before the stop
-_CYCLES = 3  # cycles from a command to the SYNC after its first effective SYNC
-_HEARTBEATS = 1.2  # of the heartbeat time: each drive counts 1016h in its own ticks
-_SLACK = 5e-4  # m, tolerance of positions read at rest
-_LEAST_SHARE = 0.8  # of stop_deceleration, which a quick stop must have for certain
-_LEAST_COASTING = 0.01  # m/s², with two decimals: `stopping` rejects 0.00
-_STANDING = 10  # cycles
-_STANDSTILL = 5e-5  # m, maximum travel in them
-_LONGEST = 5.0  # s
 
 
 class Track(NamedTuple):
@@ -73,6 +62,9 @@ class Track(NamedTuple):
         """Return the speeds before the stop, shape (3,) [m/s]."""
         steady = self.times[_STEADY - 1] - self.times[0]
         return np.abs(self.positions[_STEADY - 1] - self.positions[0]) / steady
+
+
+_LEAST_COASTING = 0.01  # m/s², with two decimals: `stopping` rejects 0.00
 
 
 def run_stop_test(context: Context) -> None:
@@ -120,6 +112,9 @@ def run_stop_test(context: Context) -> None:
     context.record('stop-test', {}, problems)
 
 
+_LEAST_SHARE = 0.8  # of stop_deceleration, which a quick stop must have for certain
+
+
 def _weakness(name: str, measured: Deceleration, configured: float) -> Iterator[str]:
     """Yield a problem if a quick stop may be much weaker than configured [m/s²]."""
     least = _LEAST_SHARE * configured
@@ -135,6 +130,9 @@ def _weakness(name: str, measured: Deceleration, configured: float) -> Iterator[
             f'{least:g} m/s^2, {_LEAST_SHARE:g} of axes.stop_deceleration: this is not known '
             'closely enough; next: repeat with commission stop-test --speed 300'
         )
+
+
+_LONGEST = 5.0  # s
 
 
 def _stopped(motion: Motion, speed: float, way: str) -> Track:
@@ -165,12 +163,20 @@ def _stopped(motion: Motion, speed: float, way: str) -> Track:
     return Track(np.array(times), np.array(positions), follows)
 
 
+_STANDING = 10  # cycles
+_STANDSTILL = 5e-5  # m, maximum travel in them
+
+
 def _are_at_rest(positions: list[list[float]]) -> bool:
     """Return whether the last positions of a stop are equal [m]."""
     if len(positions) <= _STEADY + _STANDING:
         return False
     last = np.array(positions[-_STANDING:])
     return bool(np.ptp(last, axis=0).max() <= _STANDSTILL)
+
+
+# s without frames of the master, after which every drive must be at rest
+MASTER_SILENCE = 1.0
 
 
 def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
@@ -194,6 +200,11 @@ def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
         if exchange.bus.has_kernel_sync:
             exchange.bus.start_sync(motion.period)
     return motion.turn()
+
+
+_CYCLES = 3  # cycles from a command to the SYNC after its first effective SYNC
+_HEARTBEATS = 1.2  # of the heartbeat time: each drive counts 1016h in its own ticks
+_SLACK = 5e-4  # m, tolerance of positions read at rest
 
 
 def _bounds(motion: Motion, track: Track, way: str) -> np.ndarray:

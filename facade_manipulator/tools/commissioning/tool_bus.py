@@ -23,20 +23,21 @@ from facade_manipulator.errors import DriveError, DriveStateError, DriveTimeoutE
 
 NODE_IDS = range(1, cob_ids.MASTER_NODE_ID)
 BOOT_TIMEOUT = 5.0  # s
-_LISTENING_TIME = 0.6  # s: several periods of a driver's heartbeat
-_ASK_SERIAL_NUMBER = upload_request(indices.IDENTITY, 4)
-_LOOK_PERIOD = 0.02  # s, between two checks of a condition on a quiet bus
-_ANSWER = 0.25  # s
-_SYNC = cob_ids.frames_of_masters(())[cob_ids.SYNC][0]
-_MASTER_REMEDY = 'end the driver or the other tool'
-_SYNC_REMEDY = (
-    f'{_MASTER_REMEDY}; without one a drive sends SYNC itself: clear bit 30 of its 1005h '
-    'with the tool of its maker'
-)
 
 
 class ToolBus:
     """Bus of a running command, which receives frames while the command waits."""
+
+    _LISTENING_TIME = 0.6  # s: several periods of a driver's heartbeat
+    _ASK_SERIAL_NUMBER = upload_request(indices.IDENTITY, 4)
+    _LOOK_PERIOD = 0.02  # s, between two checks of a condition on a quiet bus
+    _ANSWER = 0.25  # s
+    _SYNC = cob_ids.frames_of_masters(())[cob_ids.SYNC][0]
+    _MASTER_REMEDY = 'end the driver or the other tool'
+    _SYNC_REMEDY = (
+        f'{_MASTER_REMEDY}; without one a drive sends SYNC itself: clear bit 30 of its 1005h '
+        'with the tool of its maker'
+    )
 
     def __init__(self, frames: CanBus, clock: Clock) -> None:
         self.monotonic = clock.monotonic
@@ -61,7 +62,7 @@ class ToolBus:
 
         If this process was interrupted, answers wait that arrived before their time-out.
         """
-        frame = self._receive(_LOOK_PERIOD)
+        frame = self._receive(self._LOOK_PERIOD)
         now = self.monotonic()
         while frame is not None and frame.time < now:
             frame = self._receive(0.0)
@@ -90,30 +91,30 @@ class ToolBus:
         end = self.monotonic() + timeout
         while not condition():
             left = end - self.monotonic()
-            frame = self._receive(min(max(left, 0.0), _LOOK_PERIOD))
+            frame = self._receive(min(max(left, 0.0), self._LOOK_PERIOD))
             if left <= 0.0 and (frame is None or frame.time > end):
                 break
         return bool(condition())
 
     def require_alone(self) -> None:
         """Raise a DriveStateError if frames of another master are received."""
-        self.wait(_LISTENING_TIME)
+        self.wait(self._LISTENING_TIME)
         masters = cob_ids.frames_of_masters(NODE_IDS)
         if heard := [
             masters[one.cob_id][0] for one in self._received if one.cob_id in masters
         ]:
             raise DriveStateError(
                 f'the bus {self.frames} is in use by another master: {heard[0]} was received; '
-                f'next: {_SYNC_REMEDY if set(heard) == {_SYNC} else _MASTER_REMEDY}'
+                f'next: {self._SYNC_REMEDY if set(heard) == {self._SYNC} else self._MASTER_REMEDY}'
             )
 
     def serial_numbers(self, node_ids: Iterable[int]) -> dict[int, list[int]]:
         """Return every serial number received from each node id; all nodes are asked together."""
         self._received.clear()
         for node_id in node_ids:
-            self.frames.send(cob_ids.SDO_REQUEST + node_id, _ASK_SERIAL_NUMBER)
+            self.frames.send(cob_ids.SDO_REQUEST + node_id, self._ASK_SERIAL_NUMBER)
             self.wait(REQUEST_PACE)
-        self.wait(_ANSWER)
+        self.wait(self._ANSWER)
         found: dict[int, list[int]] = defaultdict(list)
         for frame in self._received:
             node_id = frame.cob_id - cob_ids.SDO_RESPONSE
