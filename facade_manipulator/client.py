@@ -42,30 +42,7 @@ from facade_manipulator.nodes.planar_messages import (
     status_values,
 )
 
-ANSWER_TIMEOUT = 10.0  # s: the node may have just been started on a busy computer
-REPEAT_AFTER = 1.0  # s, until a harmless request without an answer is sent again
 Callback = Callable[[], Any]
-#: states on driver/status while the driver executes a request
-WORKING = frozenset(
-    {
-        'configuring',
-        'homing',
-        'activating',
-        'deactivating',
-        'clearing faults',
-        'cleaning up',
-    }
-)
-#: states on driver/status that are older than a driver with another lifecycle state
-OUTDATED_STATES = frozenset({'unconfigured', 'configuring'})
-START_NODES = 'start the nodes in the same namespace and ROS domain as this program'
-CHECK_DRIVER = 'check whether the driver still runs'
-CHECK_GOAL = 'check the distance on compensator/goal_status, or increase the timeout'
-# Fast DDS (its issue 5258) finds nodes of another user, but receives no message from them
-SAME_USER = (
-    'start this program as the user of the nodes, or set '
-    'FASTDDS_BUILTIN_TRANSPORTS=UDPv4 for it and the nodes'
-)
 
 
 class RequestRejectedError(ManipulatorError):
@@ -83,10 +60,6 @@ class GoalProgress(NamedTuple):
     distance: float  #: of the measured head from the goal [m], NaN where unknown
     angle: float  #: of the measured head from the goal [rad], NaN where unknown
     message: str  #: state, reason and next step
-
-
-#: progress of a goal whose messages were lost, such as behind those of other goals
-UNKNOWN_PROGRESS = GoalProgress('unknown', math.nan, math.nan, 'its state is unknown')
 
 
 class GoalNotReachedError(NoAnswerError):
@@ -109,15 +82,6 @@ class ManipulatorStatus(NamedTuple):
     message: str  #: state, most severe problem and next step
     next_step: str  #: of the operator, ``''`` while goals are followed
     power: str  #: of the drives by their statuswords: confirmed off, unknown or on
-
-
-SILENT_DRIVER = ManipulatorStatus(
-    SILENT.state,
-    'stale',
-    f'{SILENT}{NEXT}{SILENT.next_step}',
-    SILENT.next_step,
-    SILENT.power,
-)
 
 
 class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
@@ -144,6 +108,43 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     Ctrl-C interrupts a waiting call but no callback: the client can still halt.
 
     """
+
+    ANSWER_TIMEOUT = 10.0  # s: the node may have just been started on a busy computer
+    REPEAT_AFTER = 1.0  # s, until a harmless request without an answer is sent again
+    #: states on driver/status while the driver executes a request
+    WORKING = frozenset(
+        {
+            'configuring',
+            'homing',
+            'activating',
+            'deactivating',
+            'clearing faults',
+            'cleaning up',
+        }
+    )
+    #: states on driver/status that are older than a driver with another lifecycle state
+    OUTDATED_STATES = frozenset({'unconfigured', 'configuring'})
+    START_NODES = 'start the nodes in the same namespace and ROS domain as this program'
+    CHECK_DRIVER = 'check whether the driver still runs'
+    CHECK_GOAL = (
+        'check the distance on compensator/goal_status, or increase the timeout'
+    )
+    # Fast DDS (its issue 5258) finds nodes of another user, but receives no message from them
+    SAME_USER = (
+        'start this program as the user of the nodes, or set '
+        'FASTDDS_BUILTIN_TRANSPORTS=UDPv4 for it and the nodes'
+    )
+    #: progress of a goal whose messages were lost, such as behind those of other goals
+    UNKNOWN_PROGRESS = GoalProgress(
+        'unknown', math.nan, math.nan, 'its state is unknown'
+    )
+    SILENT_DRIVER = ManipulatorStatus(
+        SILENT.state,
+        'stale',
+        f'{SILENT}{NEXT}{SILENT.next_step}',
+        SILENT.next_step,
+        SILENT.power,
+    )
 
     def __init__(
         self,
@@ -188,7 +189,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         """Return the state of the drives, which is ``'silent'`` while the driver is silent."""
         values = self._driver_values()
         if not values:
-            return SILENT_DRIVER
+            return self.SILENT_DRIVER
         return ManipulatorStatus(
             values.get('state', ''),
             values['level'],
@@ -260,7 +261,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         goals = self._publisher(topics.GOAL_POSE)
         # otherwise the stamp would age
         self.wait_until(
-            goals.get_subscription_count, 'a compensator', next_step=START_NODES
+            goals.get_subscription_count, 'a compensator', next_step=self.START_NODES
         )
 
         message = pose_stamped(self._frames.facade, ros_time(), pose)
@@ -275,7 +276,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             return all_matched and bool(self._of_goal(stamp))
 
         self.wait_until(
-            is_received, 'a compensator to report the goal', next_step=SAME_USER
+            is_received, 'a compensator to report the goal', next_step=self.SAME_USER
         )
         return stamp
 
@@ -296,8 +297,8 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     def _not_reached(self, problem: str) -> GoalNotReachedError:
         """Return the error of the last goal sent, with its progress and a next step."""
-        progress = self.progress or UNKNOWN_PROGRESS
-        next_step = '' if NEXT in progress.message else f'{NEXT}{CHECK_GOAL}'
+        progress = self.progress or self.UNKNOWN_PROGRESS
+        next_step = '' if NEXT in progress.message else f'{NEXT}{self.CHECK_GOAL}'
         return GoalNotReachedError(
             f'{problem}: {progress.message}{next_step}', progress
         )
@@ -365,19 +366,21 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             return None
 
         self.wait_until(
-            client.service_is_ready, f'service {service.name}', next_step=START_NODES
+            client.service_is_ready,
+            f'service {service.name}',
+            next_step=self.START_NODES,
         )
-        end = time.monotonic() + ANSWER_TIMEOUT
+        end = time.monotonic() + self.ANSWER_TIMEOUT
         while time.monotonic() < end:
             if is_harmless or not requests:
                 requests.append(client.call_async(service.type.Request(**fields)))
             with suppress(NoAnswerError):
-                return self.wait_until(response, service.name, REPEAT_AFTER)
-            if self._driver_values().get('state') in WORKING:
-                end = time.monotonic() + ANSWER_TIMEOUT
+                return self.wait_until(response, service.name, self.REPEAT_AFTER)
+            if self._driver_values().get('state') in self.WORKING:
+                end = time.monotonic() + self.ANSWER_TIMEOUT
         raise NoAnswerError(
-            f'timed out after {ANSWER_TIMEOUT:g} s waiting for the answer of '
-            f'{service.name}; next: {SAME_USER}'
+            f'timed out after {self.ANSWER_TIMEOUT:g} s waiting for the answer of '
+            f'{service.name}; next: {self.SAME_USER}'
         )
 
     def _trigger(self, service: topics.Service) -> str:
@@ -412,11 +415,12 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         def present() -> dict[str, str] | None:
             received, values = reports[-1]
             is_older = (
-                values.get('state') in OUTDATED_STATES and label not in OUTDATED_STATES
+                values.get('state') in self.OUTDATED_STATES
+                and label not in self.OUTDATED_STATES
             )
             return None if received < begin or is_older else values
 
-        return self.wait_until(present, 'driver/status', next_step=CHECK_DRIVER)
+        return self.wait_until(present, 'driver/status', next_step=self.CHECK_DRIVER)
 
     def _driver_values(self) -> dict[str, str]:
         """Return the values of driver/status, empty while the driver is silent."""

@@ -11,16 +11,6 @@ import sys
 
 from facade_manipulator.errors import file_sentence, ManipulatorError
 
-# extra of setup.py by the packages that it installs
-EXTRA_OF = {
-    'matplotlib': 'study',
-    'PIL': 'study',
-    'rich': 'study',
-    'scipy': 'calibration',
-    'rosbags': 'calibration',
-    'mujoco': 'simulation',
-    'distributed': 'cluster',
-}
 BROKEN_PIPE = 141  # exit status, as a shell reports SIGPIPE
 
 
@@ -49,6 +39,18 @@ def exit_status(
         message = str(error)
     print(f'{name}: {message}', file=sys.stderr)
     return failed
+
+
+# extra of setup.py by the packages that it installs
+EXTRA_OF = {
+    'matplotlib': 'study',
+    'PIL': 'study',
+    'rich': 'study',
+    'scipy': 'calibration',
+    'rosbags': 'calibration',
+    'mujoco': 'simulation',
+    'distributed': 'cluster',
+}
 
 
 def missing_package(error: ModuleNotFoundError) -> str:

@@ -9,12 +9,14 @@ measured.
 from __future__ import annotations
 
 LARGEST_DEVIATION = 1.0  # m or rad: the noise of a sensor is at most this
-MIN_DEVIATION = 1e-4  # m or rad: with less, a filter would ignore all other data
 
 
 def is_measured(variance: float, largest_deviation: float = LARGEST_DEVIATION) -> bool:
     """Return whether a variance is that of a value measured within a maximum deviation."""
     return 0.0 <= variance <= largest_deviation**2  # false for NaN
+
+
+MIN_DEVIATION = 1e-4  # m or rad: with less, a filter would ignore all other data
 
 
 def used_variance(variance: float, default_deviation: float) -> float:

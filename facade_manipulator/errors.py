@@ -100,34 +100,33 @@ class ParameterError(ManipulatorError, ValueError):
     """A parameter is not finite, out of range, or contradicts another parameter."""
 
 
-#: next step after the rejection of a message, by its reason
-INPUT_STEPS = {
-    'exception': 'report the traceback in the log of this node',
-    'frame': 'correct the frame of the sender',
-    'future': 'synchronise the clocks',
-    'inconsistent': 'send the velocity of the path',
-    'jump': 'check the estimator',
-    'malformed': 'correct the sender',
-    'names': 'correct the sender',
-    'no_position': 'activate',
-    'not_finite': 'correct the sender',
-    'not_measured': 'check the sensor',
-    'out_of_order': 'let one sender publish in the order of its stamps',
-    'out_of_plane': 'correct the pose',
-    'publishers': 'end one of the nodes',
-    'quality': 'correct the quality of service of the publisher',
-    'quaternion': 'normalise the quaternion',
-    'range': 'check unit and range of the sensor',
-    'stale': 'synchronise the clocks',
-    'tolerance': 'choose another tolerance',
-}
-
-
 class InputError(ManipulatorError):
     """A message is rejected; `reason`, such as ``'stale'``, selects the counter of rejections."""
 
+    #: next step after the rejection of a message, by its reason
+    INPUT_STEPS = {
+        'exception': 'report the traceback in the log of this node',
+        'frame': 'correct the frame of the sender',
+        'future': 'synchronise the clocks',
+        'inconsistent': 'send the velocity of the path',
+        'jump': 'check the estimator',
+        'malformed': 'correct the sender',
+        'names': 'correct the sender',
+        'no_position': 'activate',
+        'not_finite': 'correct the sender',
+        'not_measured': 'check the sensor',
+        'out_of_order': 'let one sender publish in the order of its stamps',
+        'out_of_plane': 'correct the pose',
+        'publishers': 'end one of the nodes',
+        'quality': 'correct the quality of service of the publisher',
+        'quaternion': 'normalise the quaternion',
+        'range': 'check unit and range of the sensor',
+        'stale': 'synchronise the clocks',
+        'tolerance': 'choose another tolerance',
+    }
+
     def __init__(self, reason: str, message: str) -> None:
-        self.next_step = INPUT_STEPS.get(
+        self.next_step = self.INPUT_STEPS.get(
             reason, 'follow the next step on driver/status'
         )
         super().__init__(message)

@@ -18,8 +18,6 @@ from types import FrameType
 from facade_manipulator.command_line import missing_package
 
 CANNOT_START = 2  # exit status
-INTERRUPTED = 130  # exit status, as a shell reports Ctrl-C
-OF_WHEELS = 'rmw_fastrtps_cpp'
 # nothing is drawn in a window by these; a value of another project may end the import
 SETTINGS = {'MPLBACKEND': 'agg', 'MUJOCO_GL': 'disable'}
 
@@ -41,9 +39,15 @@ def run(name: str, module: str) -> int:
     return status
 
 
+INTERRUPTED = 130  # exit status, as a shell reports Ctrl-C
+
+
 def _end(_: int, __: FrameType | None) -> None:
     """End the process at once, before anything has been started."""
     os._exit(INTERRUPTED)
+
+
+OF_WHEELS = 'rmw_fastrtps_cpp'
 
 
 def run_with_ros(name: str, module: str) -> int:

@@ -26,11 +26,6 @@ NODES = (
     'disturbance_estimator',
     'gondola_simulator',
 )
-# Parameters of earlier versions, and the reasons for their removal. Maximum axial clearance of
-# ball screws by MISUMI's catalogue: 0.015 mm (precision, C5), 0.2 mm (rolled, C7), 0 (preloaded).
-REMOVED = {
-    'geometry.backlash': 'no tool measures it, and screws have at most 0.2 mm',
-}
 #: former names of parameters, each with its present name
 RENAMED = {
     'approach.acceleration': 'reference.acceleration',
@@ -38,17 +33,9 @@ RENAMED = {
     'approach.speed': 'reference.speed',
     'min_conditioning': 'reference.min_conditioning',
 }
-_TYPES = {
-    bool: 'true or false',
-    int: 'an integer',
-    float: 'a double such as 1.0',
-    str: 'a string',
-}
-LARGEST_EXACT = 2.0**53  # of the integers that a double holds
 _KEY = 'parameter'  # key in the metadata of a dataclass field
 _INTEGER = 'tag:yaml.org,2002:int'
 _FLOAT = 'tag:yaml.org,2002:float'
-_CHANGED = (_INTEGER, _FLOAT, 'tag:yaml.org,2002:timestamp')
 _LEADING_ZEROS = '!leading_zeros'
 Class = TypeVar('Class')
 
@@ -122,6 +109,13 @@ def full_name(prefix: str, name: str) -> str:
     return f'{prefix}.{name}' if prefix else name
 
 
+# Parameters of earlier versions, and the reasons for their removal. Maximum axial clearance of
+# ball screws by MISUMI's catalogue: 0.015 mm (precision, C5), 0.2 mm (rolled, C7), 0 (preloaded).
+REMOVED = {
+    'geometry.backlash': 'no tool measures it, and screws have at most 0.2 mm',
+}
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the hint that follows an unknown name in a message."""
     if name in REMOVED:
@@ -154,6 +148,14 @@ def _require_type(name: str, value: Any, info: ParameterInfo) -> None:
                 raise _wrong_type(name, element, kind)
 
 
+_TYPES = {
+    bool: 'true or false',
+    int: 'an integer',
+    float: 'a double such as 1.0',
+    str: 'a string',
+}
+
+
 def _wrong_type(name: str, element: Any, kind: type) -> ParameterError:
     """Return the error for an element of another type; the caller raises it."""
     step = f'set {_TYPES[kind]}'
@@ -162,6 +164,9 @@ def _wrong_type(name: str, element: Any, kind: type) -> ParameterError:
     return ParameterError(
         f'{name} = {element!r}, expected {_TYPES[kind]}; next: {step}'
     )
+
+
+LARGEST_EXACT = 2.0**53  # of the integers that a double holds
 
 
 def number_text(value: float) -> str:
@@ -303,6 +308,9 @@ class ParameterSource:
             if name in self.values:
                 data[field_name] = self.values[name]
         return from_mapping(cls, data, prefix, **defaults)
+
+
+_CHANGED = (_INTEGER, _FLOAT, 'tag:yaml.org,2002:timestamp')
 
 
 def _kept_resolvers() -> dict[str, list[tuple[str, re.Pattern[str]]]]:

@@ -6,11 +6,11 @@ import math
 
 from facade_manipulator.errors import ManipulatorError
 
-PAUSE = 2.0  # s without a rejection, after which the sender counts as silent
-
 
 class Rejections:
     """Series of rejected messages of one input since its newest valid message, by reason."""
+
+    PAUSE = 2.0  # s without a rejection, after which the sender counts as silent
 
     def __init__(self) -> None:
         # by reason: message of the first, time of the newest rejection [s]
@@ -20,7 +20,7 @@ class Rejections:
         """Add a rejection at a time [s]; a series keeps the message of its first rejection."""
         reason = getattr(error, 'reason', 'other')
         message, newest = self._series.get(reason, ('', -math.inf))
-        if now - newest > PAUSE:
+        if now - newest > self.PAUSE:
             self._series.pop(reason, None)  # another series, after those that continue
             message = str(error)
         self._series[reason] = message, now
@@ -36,6 +36,6 @@ class Rejections:
         The message does not change while a series continues, so that a report is published once.
         """
         for message, newest in self._series.values():
-            if now - newest <= PAUSE:
+            if now - newest <= self.PAUSE:
                 return message
         return ''

@@ -4,8 +4,8 @@ Vary numbers of the control by half: the table of constants in docs/results.md.
 `prediction` runs only the predictor, `estimation` only the estimator of raw sensors, in gusts.
 `control` presses with 2 N/mm: errors of x and θ, jerk and force while the head holds the force.
 
-A number is a constant of a module. Values that a module computes from a constant when it is
-imported do not change with it. Each printed figure is divided by the usual one.
+A number is a constant of a module or of a class. Values that a module computes from a constant
+when it is imported do not change with it. Each printed figure is divided by the usual one.
 """
 
 import argparse
@@ -75,7 +75,7 @@ def main():
     """Print the figures by half and by one and a half of each number."""
     parser = argparse.ArgumentParser(description='Vary numbers of the control by half')
     parser.add_argument('measure', choices=('prediction', 'estimation', 'control'))
-    parser.add_argument('names', nargs='+', help='such as prediction.tones.BLOCK')
+    parser.add_argument('names', nargs='+', help='such as prediction.tones.Tones.BLOCK')
     options = parser.parse_args()
     measure = globals()[options.measure]
     usual = measure()
@@ -94,9 +94,9 @@ def main():
                 )
             )
             with ExitStack() as stack:
-                for module in list(sys.modules.values()):
-                    if vars(module).get(name) is value:
-                        stack.enter_context(patch.object(module, name, changed))
+                for place_of_name in (resolve_name(owner), *sys.modules.values()):
+                    if vars(place_of_name).get(name) is value:
+                        stack.enter_context(patch.object(place_of_name, name, changed))
                 print(place, factor, (measure() / usual).round(3), flush=True)
 
 

@@ -122,7 +122,7 @@ def machine(ros):
 
 @pytest.fixture
 def client(machine, monkeypatch):
-    monkeypatch.setattr(client_module, 'REPEAT_AFTER', 0.1)
+    monkeypatch.setattr(client_module.ManipulatorClient, 'REPEAT_AFTER', 0.1)
     with ManipulatorClient('gondola_1', check=machine.step) as made:
         yield made
 
@@ -136,7 +136,7 @@ def unanswered(client, monkeypatch):
         monkeypatch.setattr(client._client(service), 'call_async', lambda _: answer)
         return answer
 
-    monkeypatch.setattr(client_module, 'ANSWER_TIMEOUT', 0.3)
+    monkeypatch.setattr(client_module.ManipulatorClient, 'ANSWER_TIMEOUT', 0.3)
     return leave_open
 
 

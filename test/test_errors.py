@@ -10,7 +10,6 @@ import pytest
 import facade_manipulator
 from facade_manipulator.errors import (
     attributed,
-    INPUT_STEPS,
     InputError,
     joined,
     LimitError,
@@ -99,7 +98,7 @@ def test_input_error_of_each_reason_has_one_next_step(reason):
 def test_each_reason_has_a_next_step_and_row():
     """Reasons that are no literals are states of the driver."""
     own = {'inactive', 'saturated', 'unit', 'mounting', 'exception'}
-    assert reasons() - own <= {*INPUT_STEPS}
+    assert reasons() - own <= {*InputError.INPUT_STEPS}
     page = (PACKAGE.parent / 'docs/operation.md').read_text()
     assert [reason for reason in reasons() if f'`{reason}`' not in page] == []
 

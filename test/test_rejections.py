@@ -5,14 +5,16 @@ import math
 import pytest
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.rejections import PAUSE, Rejections
+from facade_manipulator.rejections import Rejections
 
 
 def test_series_keeps_its_first_message():
     rejections = Rejections()
     rejections.add(1.0, InputError('stale', '0.4 s old; next: a'))
-    rejections.add(1.0 + 0.9 * PAUSE, InputError('stale', '0.5 s old; next: a'))
-    assert rejections.message(1.0 + 1.8 * PAUSE) == '0.4 s old; next: a'
+    rejections.add(
+        1.0 + 0.9 * Rejections.PAUSE, InputError('stale', '0.5 s old; next: a')
+    )
+    assert rejections.message(1.0 + 1.8 * Rejections.PAUSE) == '0.4 s old; next: a'
 
 
 def test_message_changes_after_a_pause_of_its_reason():
@@ -20,13 +22,13 @@ def test_message_changes_after_a_pause_of_its_reason():
     rejections.add(0.0, InputError('stale', 'old; next: a'))
     messages = []
     for step in range(1, 13):
-        now = step * 0.25 * PAUSE
+        now = step * 0.25 * Rejections.PAUSE
         rejections.add(now, InputError('frame', f'other {step}; next: b'))
         messages.append(rejections.message(now))
     assert messages == ['old; next: a'] * 4 + ['other 1; next: b'] * 8
 
 
-@pytest.mark.parametrize('pause', [1.1 * PAUSE, math.inf])
+@pytest.mark.parametrize('pause', [1.1 * Rejections.PAUSE, math.inf])
 def test_series_ends_with_a_pause(pause):
     rejections = Rejections()
     rejections.add(1.0, InputError('stale', 'old; next: a'))
@@ -36,8 +38,8 @@ def test_series_ends_with_a_pause(pause):
 def test_series_after_a_pause_has_the_new_message():
     rejections = Rejections()
     rejections.add(1.0, InputError('stale', 'old; next: a'))
-    rejections.add(1.0 + 2.0 * PAUSE, InputError('frame', 'other; next: b'))
-    assert rejections.message(1.0 + 2.0 * PAUSE) == 'other; next: b'
+    rejections.add(1.0 + 2.0 * Rejections.PAUSE, InputError('frame', 'other; next: b'))
+    assert rejections.message(1.0 + 2.0 * Rejections.PAUSE) == 'other; next: b'
 
 
 def test_valid_message_ends_the_series():
