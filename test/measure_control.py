@@ -76,14 +76,18 @@ PARTS = {  # owner and name of each part of the control, and its replacement
     'tones': (Tones, 'fit', do_nothing),
     'doubt about tones': (Continuation, 'solve', solve_and_trust),
     'jump detector': (JumpDetector, 'evaluate', doubt_nothing),
-    'prior': (continuation, 'PRIOR_WEIGHT', 1e-5 * continuation.PRIOR_WEIGHT),
-    'weakening by growth': (learning, 'GROWTH', 1e9),
-    'maximum acceleration': (
-        reduction,
-        'MAX_ACCELERATION',
-        1e3 * reduction.MAX_ACCELERATION,
+    'prior': (
+        continuation.Continuation,
+        'PRIOR_WEIGHT',
+        1e-5 * continuation.Continuation.PRIOR_WEIGHT,
     ),
-    'smoothing of the correction': (correction, 'SMOOTHING', 1e-4),
+    'weakening by growth': (learning.Learning, 'GROWTH', 1e9),
+    'maximum acceleration': (
+        reduction.Reduction,
+        'MAX_ACCELERATION',
+        1e3 * reduction.Reduction.MAX_ACCELERATION,
+    ),
+    'smoothing of the correction': (correction.Correction, 'SMOOTHING', 1e-4),
     'smoothing of the follower': (SetpointFollower, '_smooth', do_nothing),
 }
 

@@ -11,7 +11,7 @@ import pytest
 import facade_manipulator
 from facade_manipulator import command_line, executables, topics
 from facade_manipulator.compensation.correction import CorrectionMode
-from facade_manipulator.compensation.held_back import HOLDS
+from facade_manipulator.compensation.held_back import HeldBack
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import LimitError
 from facade_manipulator.nodes import run
@@ -159,4 +159,4 @@ def test_operation_page_explains_each_reason():
     assert rejections
     page = re.sub('```.*?```', '', TEXTS['docs/operation.md'], flags=re.DOTALL)
     explained = set(re.findall('`([^`]+)`', page))
-    assert rejections | limits | states | modes | {*HOLDS} <= explained
+    assert rejections | limits | states | modes | {*HeldBack.HOLDS} <= explained

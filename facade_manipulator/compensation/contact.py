@@ -22,9 +22,6 @@ from facade_manipulator.motion.timed_buffer import KEPT_TIME
 from facade_manipulator.parameters import parameter, settings
 
 OLDEST_OFFSET = 0.3  # s: an older lateral offset is not used
-LATERAL_GAIN = 1.5  # 1/s, integral gain: the measurement is late
-LATERAL_SPEED = 0.05  # m/s, maximum speed of the shift
-LATERAL_RANGE = 0.1  # m, maximum of the shift
 
 
 @settings
@@ -49,6 +46,10 @@ class LateralRegulator:
 
     """
 
+    LATERAL_GAIN = 1.5  # 1/s, integral gain: the measurement is late
+    LATERAL_SPEED = 0.05  # m/s, maximum speed of the shift
+    LATERAL_RANGE = 0.1  # m, maximum of the shift
+
     def __init__(self) -> None:
         self.shift = 0.0  #: of the goal along the wall [m]
         self._stamp = -math.inf  # of the last measurement [s]
@@ -63,10 +64,12 @@ class LateralRegulator:
         """Move the shift over an interval [s]; at the workspace limit [m] only back inside."""
         if not -CONTACT_CLOCK_TOLERANCE <= now - self._stamp <= OLDEST_OFFSET:
             return
-        limit = LATERAL_SPEED * interval
-        step = min(max(LATERAL_GAIN * interval * self._measured, -limit), limit)
+        limit = self.LATERAL_SPEED * interval
+        step = min(max(self.LATERAL_GAIN * interval * self._measured, -limit), limit)
         if saturation_error * step <= 0.0:
-            self.shift = min(max(self.shift + step, -LATERAL_RANGE), LATERAL_RANGE)
+            self.shift = min(
+                max(self.shift + step, -self.LATERAL_RANGE), self.LATERAL_RANGE
+            )
 
 
 class Contact:

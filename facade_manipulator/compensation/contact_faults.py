@@ -12,18 +12,6 @@ from facade_manipulator.compensation.contact_force import (
     TOUCH,
 )
 
-SIGNIFICANT_FORCE = (
-    6.0 * NOISE
-)  # N: noise, steps and dead band of a working sensor are less
-CHATTER_TIME = 0.1  # s, period faster than the loop
-CHATTER_MEMORY = 0.4  # s, averaging time of the chatter
-OSCILLATION_TIME = 2.0  # s, period of a loop with a late force; averaging time
-UNSTEADY_SHARE = 0.14  # of the desired force, RMS: held forces in gusts reach 0.13
-RETURNED = 0.8  # share of the desired force, below which a rise is not chatter
-ZERO_TIME = 0.2  # s, low-pass of the sensor's zero
-MOST_ZERO = 10.0  # N, maximum of the sensor's zero
-ZERO_WAIT = 1.0  # s, off the wall until the zero is known
-
 MEASURING_ZERO = 'the zero of contact_wrench is being measured away from the wall'
 
 
@@ -67,12 +55,21 @@ class ForceRises:
 class ForceMonitor:
     """Monitor of reasons to leave the wall: excessive or unsteady force, a faulty sensor."""
 
+    SIGNIFICANT_FORCE = (
+        6.0 * NOISE
+    )  # N: noise, steps and dead band of a working sensor are less
+    CHATTER_TIME = 0.1  # s, period faster than the loop
+    CHATTER_MEMORY = 0.4  # s, averaging time of the chatter
+    OSCILLATION_TIME = 2.0  # s, period of a loop with a late force; averaging time
+    UNSTEADY_SHARE = 0.14  # of the desired force, RMS: held forces in gusts reach 0.13
+    RETURNED = 0.8  # share of the desired force, below which a rise is not chatter
+
     def __init__(self) -> None:
         self.stamp = -math.inf  #: of the last measurement [s]
         self.force = 0.0  #: last force on the wall [N]
         self.moment = 0.0  #: last moment on the wall [N m], from the same wrench
-        self._chatter = ForceRises(CHATTER_TIME, CHATTER_MEMORY)
-        self._oscillation = ForceRises(OSCILLATION_TIME, OSCILLATION_TIME)
+        self._chatter = ForceRises(self.CHATTER_TIME, self.CHATTER_MEMORY)
+        self._oscillation = ForceRises(self.OSCILLATION_TIME, self.OSCILLATION_TIME)
         self._demanded = 0.0
         self.begin()
 
@@ -106,7 +103,7 @@ class ForceMonitor:
         interval = min(max(stamp - self.stamp, 0.0), OLDEST_WRENCH)
         self.stamp = stamp
         self.force = force
-        self._chatter.add(interval, force, RETURNED * desired)
+        self._chatter.add(interval, force, self.RETURNED * desired)
         self._oscillation.add(interval, force, min(desired + TOUCH, final))
         self._demanded = demanded
         if not is_repeated:
@@ -121,14 +118,14 @@ class ForceMonitor:
                 'next: use a softer brush'
             )
         unanswered = abs(self._demanded - self._answered)
-        if unanswered > SIGNIFICANT_FORCE:
+        if unanswered > self.SIGNIFICANT_FORCE:
             return (
                 f'contact_wrench is frozen at {self.force:.1f} N while the demanded force '
                 f'changes by {unanswered:.1f} N; next: check the force sensor'
             )
         chatter = self._chatter.rms
         oscillation = self._oscillation.rms
-        bound = max(SIGNIFICANT_FORCE, UNSTEADY_SHARE * desired)
+        bound = max(self.SIGNIFICANT_FORCE, self.UNSTEADY_SHARE * desired)
         if chatter > bound:
             return (
                 f'the force chatters by {chatter:.1f} N RMS, above the limit {bound:.1f} N; '
@@ -139,7 +136,7 @@ class ForceMonitor:
                 f'the force oscillates by {oscillation:.1f} N RMS, above the limit '
                 f'{bound:.1f} N; next: check the delay of contact_wrench and contact.stiffness'
             )
-        if self.mean < -SIGNIFICANT_FORCE:
+        if self.mean < -self.SIGNIFICANT_FORCE:
             return (
                 f'the wall pulls with {-self.mean:.1f} N; '
                 'next: check sign and zero of contact_wrench'
@@ -149,6 +146,10 @@ class ForceMonitor:
 
 class SensorZero:
     """Zero of the force sensor, measured while the head waits off the wall."""
+
+    ZERO_TIME = 0.2  # s, low-pass of the sensor's zero
+    MOST_ZERO = 10.0  # N, maximum of the sensor's zero
+    ZERO_WAIT = 1.0  # s, off the wall until the zero is known
 
     def __init__(self) -> None:
         self.force = 0.0  #: reading off the wall [N]
@@ -165,17 +166,17 @@ class SensorZero:
         """Use readings [N, N m] off the wall at a stamp, an interval after the last [s]."""
         if stamp <= self._free_from:
             return
-        share = filter_share(interval, ZERO_TIME)
+        share = filter_share(interval, self.ZERO_TIME)
         self.force += share * (force - self.force)
         self.moment += share * (moment - self.moment)
 
     def fault(self, now: float) -> str:
         """Return why the zero cannot be used at a time [s]; empty if it can."""
-        if now < self._free_from + ZERO_WAIT:
+        if now < self._free_from + self.ZERO_WAIT:
             return MEASURING_ZERO
-        if abs(self.force) > MOST_ZERO:
+        if abs(self.force) > self.MOST_ZERO:
             return (
-                f'zero of the force = {self.force:.1f} N is beyond {MOST_ZERO:g} N; '
+                f'zero of the force = {self.force:.1f} N is beyond {self.MOST_ZERO:g} N; '
                 'next: tare the sensor'
             )
         return ''

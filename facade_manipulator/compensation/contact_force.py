@@ -48,24 +48,7 @@ OLDEST_WRENCH = 0.2  # s: an older wrench is not used
 NOISE = 0.5  # N, standard deviation of usual force sensors
 TOUCH = 3.0 * NOISE  # N: a larger force is a touch
 
-FILTER_TIME = 0.01  # s, low-pass of force and offset alike
-TIME_CONSTANT = 1.7  # τ / T
-DELAYS = (0.02, 0.5)  # s, minimum and maximum of T
 SPEED = 0.04  # m/s, maximum of the offset
-RISE_TIME = (
-    1.5  # s, minimum, in which a force on the brush rises by the excess of its limit
-)
-MOST_EXCESS = 1.0  # of the force limit over the desired force, as a share of it
-LEAST_EXCESS = 15.0  # N, the same at least
-
-TRACKING_BANDWIDTH = 8.0  # rad/s, of the wall's distance at 5 N/mm; noise is F/k̂
-TRACKING_STIFFNESS = 5000.0  # N/m
-TRACKING_BOUND = 0.002  # m, of the change of the law's offset: 3 σ of the prediction
-TRIAL_TIME = 5.0  # s in which the law holds the force alone and shows its error
-TRUST_TIME = 10.0  # s, then, in which the trust in the tracker rises from 0 to 1
-DISTRUST_TIME = 0.5  # s: averaging time of the squared error, fall of the trust to 0
-WELL_HELD = 0.08  # RMS error as a share of the desired force: below it no distrust
-BADLY_HELD = 0.12  # the same: above it always distrust
 
 
 class ForceLaw:
@@ -74,6 +57,10 @@ class ForceLaw:
 
     `Pressing` adds each measurement and, in each cycle, moves the offset with the law's velocity.
     """
+
+    FILTER_TIME = 0.01  # s, low-pass of force and offset alike
+    TIME_CONSTANT = 1.7  # τ / T
+    DELAYS = (0.02, 0.5)  # s, minimum and maximum of T
 
     def __init__(self) -> None:
         self.offset = 0.0  #: decided by the law alone [m or rad]
@@ -96,7 +83,7 @@ class ForceLaw:
 
     def add_measurement(self, stamp: float, force: float) -> None:
         """Record a force [N or N m] measured at a stamp [s]."""
-        share = filter_share(max(stamp - self._stamp, 0.0), FILTER_TIME)
+        share = filter_share(max(stamp - self._stamp, 0.0), self.FILTER_TIME)
         self._stamp = stamp
         self.force += share * (force - self.force)
         total = nearest_value(self._totals, stamp, self.total)
@@ -110,10 +97,10 @@ class ForceLaw:
 
         An error within the dead band [N or N m] counts as zero.
         """
-        delay = min(max(time - self._stamp, DELAYS[0]), DELAYS[1])
+        delay = min(max(time - self._stamp, self.DELAYS[0]), self.DELAYS[1])
         error = desired - self.force - stiffness * (self.total - self.measured_offset)
         error -= min(max(error, -dead_band), dead_band)
-        return error / (stiffness * TIME_CONSTANT * delay)
+        return error / (stiffness * self.TIME_CONSTANT * delay)
 
     def move(self, time: float, offset: float, tracked: float = 0.0) -> None:
         """Set both parts of the offset [m or rad] for a time [s]."""
@@ -131,6 +118,9 @@ class WallTracker:
     the distance is that of F/k̂. The gains of the filter for distance, velocity and acceleration
     are 2 ω, 2 ω² and ω³. An interval T between measurements multiplies them by T.
     """
+
+    TRACKING_BANDWIDTH = 8.0  # rad/s, of the wall's distance at 5 N/mm; noise is F/k̂
+    TRACKING_STIFFNESS = 5000.0  # N/m
 
     def __init__(self) -> None:
         self._stamp = -math.inf
@@ -160,8 +150,8 @@ class WallTracker:
             return
         gain = (
             interval
-            * TRACKING_BANDWIDTH
-            * (stiffness / TRACKING_STIFFNESS) ** (1.0 / 3.0)
+            * self.TRACKING_BANDWIDTH
+            * (stiffness / self.TRACKING_STIFFNESS) ** (1.0 / 3.0)
         )
         expected = self._distance + interval * (
             self._velocity + 0.5 * interval * self._acceleration
@@ -181,34 +171,41 @@ class WallTracker:
 class TrackerTrust:
     """Trust in the tracker, earned by a well held force; one update in each cycle."""
 
+    TRIAL_TIME = 5.0  # s in which the law holds the force alone and shows its error
+    TRUST_TIME = 10.0  # s, then, in which the trust in the tracker rises from 0 to 1
+    # s: averaging time of the squared error, fall of the trust to 0
+    DISTRUST_TIME = 0.5
+    WELL_HELD = 0.08  # RMS error as a share of the desired force: below it no distrust
+    BADLY_HELD = 0.12  # the same: above it always distrust
+
     def __init__(self) -> None:
         self.share = 0.0  #: of the tracker's bound, from 0 to 1
         self._squared_error = 0.0  # of the force, averaged [N²]
         self._largest = 0.0  # squared error of the law alone, averaged [N²]
         self._held_for = 0.0  # s
-        self._rise_time = TRUST_TIME  # s
+        self._rise_time = self.TRUST_TIME  # s
 
     def reset(self, desired: float) -> None:
         """Trust nothing, before a final desired force [N] is held."""
         self.share = 0.0
         self._squared_error = 0.0
-        self._largest = max(WELL_HELD * desired, TOUCH) ** 2
+        self._largest = max(self.WELL_HELD * desired, TOUCH) ** 2
         self._held_for = 0.0
-        self._rise_time = TRUST_TIME
+        self._rise_time = self.TRUST_TIME
 
     def update(self, interval: float, error: float, desired: float) -> None:
         """Increase the trust while the error of the force [N] is small, else decrease it."""
-        self._squared_error += filter_share(interval, DISTRUST_TIME) * (
+        self._squared_error += filter_share(interval, self.DISTRUST_TIME) * (
             error**2 - self._squared_error
         )
         self._held_for += interval
-        if self._held_for < TRIAL_TIME:
+        if self._held_for < self.TRIAL_TIME:
             largest = max(self._largest, self._squared_error)
-            self._largest = min(largest, max(BADLY_HELD * desired, TOUCH) ** 2)
+            self._largest = min(largest, max(self.BADLY_HELD * desired, TOUCH) ** 2)
         elif self._squared_error <= self._largest:
             self.share = min(self.share + interval / self._rise_time, 1.0)
         elif self.share > 0.0:
-            self.share = max(self.share - interval / DISTRUST_TIME, 0.0)
+            self.share = max(self.share - interval / self.DISTRUST_TIME, 0.0)
             if self.share == 0.0:
                 self._rise_time *= 2.0
 
@@ -219,6 +216,10 @@ class NormalForce:
 
     `Pressing` decides the offset of the law in each cycle and calls `move` with it.
     """
+
+    RISE_TIME = 1.5  # s, minimum, in which a force on the brush rises by the excess of its limit
+    # m, of the change of the law's offset: 3 σ of the prediction
+    TRACKING_BOUND = 0.002
 
     def __init__(self) -> None:
         self.law = ForceLaw()
@@ -247,7 +248,7 @@ class NormalForce:
     ) -> float:
         """Return the velocity of the law's offset [m/s] for a present and a final force [N]."""
         velocity = self.law.velocity(desired, stiffness, time)
-        limit = allowed_excess(final) / (stiffness * RISE_TIME)
+        limit = allowed_excess(final) / (stiffness * self.RISE_TIME)
         return min(max(velocity, -SPEED), SPEED, limit)
 
     def absorb_fade(self, interval: float, fading: float, largest: float) -> None:
@@ -277,11 +278,15 @@ class NormalForce:
         wanted = 0.0
         if compression is not None:
             expected = self.tracker.distance(time) + compression + place_of_rail
-            bound = self.trust.share * TRACKING_BOUND
+            bound = self.trust.share * self.TRACKING_BOUND
             wanted = min(max(expected - offset, -bound), bound)
         tracked = towards(self.law.tracked, wanted, SPEED * interval)
         self.law.move(time, offset, tracked)
         self.tracker.note_place(time, self.law.total - place_of_rail)
+
+
+MOST_EXCESS = 1.0  # of the force limit over the desired force, as a share of it
+LEAST_EXCESS = 15.0  # N, the same at least
 
 
 def allowed_excess(desired: float) -> float:

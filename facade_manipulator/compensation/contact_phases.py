@@ -28,24 +28,14 @@ from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.parameters import parameter, settings
 
 CONTACT_CLOCK_TOLERANCE = 0.02  # s
-NEAR_GOAL = 0.005  # m: maximum distance of the path past its goal
-LEAST_STIFFNESS = (
-    600.0  # N/m: with less, a damping of the brush of 25 N s/m makes the law ring
-)
-APPROACH_SPEED = 0.004  # m/s: a wall of 100 N/mm is touched with 28 N
-FALL_TIME = 1.5  # s in which a lowered force falls by the excess of its limit
-FIRST_SHARE = 0.1  # share of the desired force at the beginning of the ramp
-LOST_AFTER = 1.0  # s without touch, after which the head approaches the wall again
-YAW_SPEED = 0.25  # rad/s
-YAW_RANGE = 0.12  # rad
-FRICTION = 0.3  # coefficient of friction of brushes on a wall
-LEAST_BOUND = 2.0  # N, of the error of a held force
-BOUND_SHARE = 0.1  # of the desired force, added to it
 
 
 @settings
 class ContactSettings:
     """Force on the wall, and the brush between head and wall."""
+
+    # N/m: with less, a damping of the brush of 25 N s/m makes the law ring
+    LEAST_STIFFNESS = 600.0
 
     enabled: bool = parameter(
         'Whether the head presses on the wall', default=False, live=True
@@ -117,9 +107,6 @@ class PressMode(enum.Enum):
     HOLDING = 'holding the force'
 
 
-IN_CONTACT = (PressMode.RAISING, PressMode.HOLDING)
-
-
 class Surroundings(NamedTuple):
     """Inputs of the contact in addition to its measurements."""
 
@@ -134,6 +121,10 @@ class Surroundings(NamedTuple):
 
 class ForceRamp:
     """Present desired force since the touch of the wall, and the time without touch."""
+
+    FALL_TIME = 1.5  # s in which a lowered force falls by the excess of its limit
+    FIRST_SHARE = 0.1  # share of the desired force at the beginning of the ramp
+    LOST_AFTER = 1.0  # s without touch, after which the head approaches the wall again
 
     def __init__(self) -> None:
         self.desired = 0.0  #: [N]; 0 without contact
@@ -157,7 +148,7 @@ class ForceRamp:
     @property
     def is_touch_lost(self) -> bool:
         """Return whether the head has not touched the wall for `LOST_AFTER`."""
-        return self._untouched > LOST_AFTER
+        return self._untouched > self.LOST_AFTER
 
     def advance(self, interval: float, ramp_time: float) -> bool:
         """Continue a rise of a duration [s]; return whether it is complete."""
@@ -173,8 +164,8 @@ class ForceRamp:
         """
         share = min(self._progress, 1.0) if is_raising else 1.0
         ramp = 0.5 - 0.5 * math.cos(math.pi * share)
-        raised = final * (FIRST_SHARE + (1.0 - FIRST_SHARE) * ramp)
-        fall = interval * allowed_excess(final) / FALL_TIME
+        raised = final * (self.FIRST_SHARE + (1.0 - self.FIRST_SHARE) * ramp)
+        fall = interval * allowed_excess(final) / self.FALL_TIME
         self.desired = max(raised, self.desired - fall)
         return self.desired
 
@@ -187,6 +178,15 @@ class Pressing:
     there. After a fault the head stays there until pressing is disabled and enabled again. After a
     silent sensor or a lost estimate, the head approaches the wall again without a request.
     """
+
+    NEAR_GOAL = 0.005  # m: maximum distance of the path past its goal
+    APPROACH_SPEED = 0.004  # m/s: a wall of 100 N/mm is touched with 28 N
+    YAW_SPEED = 0.25  # rad/s
+    YAW_RANGE = 0.12  # rad
+    FRICTION = 0.3  # coefficient of friction of brushes on a wall
+    LEAST_BOUND = 2.0  # N, of the error of a held force
+    BOUND_SHARE = 0.1  # of the desired force, added to it
+    IN_CONTACT = (PressMode.RAISING, PressMode.HOLDING)
 
     def __init__(self, settings: ContactSettings) -> None:
         self.settings = settings
@@ -233,7 +233,7 @@ class Pressing:
     @property
     def bound(self) -> float:
         """Return the maximum error of a held force [N]."""
-        return LEAST_BOUND + BOUND_SHARE * self.settings.force
+        return self.LEAST_BOUND + self.BOUND_SHARE * self.settings.force
 
     @property
     def is_held(self) -> bool:
@@ -288,7 +288,7 @@ class Pressing:
         self._move_theta(time, interval, around.saturation_error.theta, is_fresh)
         is_free = (
             self.mode is PressMode.RETRACTED
-            and around.beyond <= NEAR_GOAL
+            and around.beyond <= self.NEAR_GOAL
             and self.normal.law.total <= -self.settings.retreat
         )
         self.sensor_zero.note_place(time, is_free)
@@ -345,7 +345,7 @@ class Pressing:
                 f'no wall within {limit}, so that the place of the wall is unknown; '
                 'next: send a goal on the wall'
             )
-        if self.mode in IN_CONTACT:
+        if self.mode in self.IN_CONTACT:
             return (
                 f'the force needs an offset above {limit}; '
                 'next: send a goal nearer to the wall'
@@ -359,7 +359,7 @@ class Pressing:
         ramp.note_touch(interval, is_touching)
         if self.mode is PressMode.SEARCHING and is_touching:
             self._enter(PressMode.RAISING)
-        elif self.mode in IN_CONTACT and ramp.is_touch_lost:
+        elif self.mode in self.IN_CONTACT and ramp.is_touch_lost:
             self._enter(PressMode.SEARCHING)
         elif self.mode is PressMode.RAISING:
             if ramp.advance(interval, self.settings.ramp_time):
@@ -368,7 +368,7 @@ class Pressing:
     def _velocity(self, time: float, interval: float, is_fresh: bool) -> float:
         """Return the velocity of the offset in y [m/s]."""
         if self.mode is PressMode.SEARCHING:
-            return APPROACH_SPEED if is_fresh else 0.0
+            return self.APPROACH_SPEED if is_fresh else 0.0
         force = self.settings.force
         is_raising = self.mode is PressMode.RAISING
         desired = self.ramp.update(interval, force, is_raising)
@@ -409,13 +409,13 @@ class Pressing:
     ) -> None:
         settings = self.settings
         before = self.theta.offset
-        limit = YAW_SPEED * interval
+        limit = self.YAW_SPEED * interval
         moved = towards(before, 0.0, limit)
-        if settings.yaw_enabled and is_fresh and self.mode in IN_CONTACT:
+        if settings.yaw_enabled and is_fresh and self.mode in self.IN_CONTACT:
             stiffness = 0.25 * settings.stiffness * settings.brush_width**2
-            dead_band = FRICTION * settings.force * settings.brush_depth
+            dead_band = self.FRICTION * settings.force * settings.brush_depth
             change = interval * self.theta.velocity(0.0, stiffness, time, dead_band)
-            wanted = min(max(before + change, -YAW_RANGE), YAW_RANGE)
+            wanted = min(max(before + change, -self.YAW_RANGE), self.YAW_RANGE)
             moved = towards(before, wanted, limit)
         is_blocked = saturation_error * (moved - before) > 0.0
         self.theta.move(time, before if is_blocked else moved)

@@ -25,30 +25,10 @@ from facade_manipulator.prediction.estimate import ALL_KNOWN, Estimate, MIN_INTE
 from facade_manipulator.prediction.predictor import DisturbancePredictor
 from facade_manipulator.rejections import Rejections
 
-ESTIMATOR_SILENCE = (
-    0.5  # s, age of the newest estimate from which the estimator counts as silent
-)
+# s, age of the newest estimate from which the estimator counts as silent
+ESTIMATOR_SILENCE = 0.5
 FADE_AFTER = 1.05  # s, age from which the correction fades out; after 1.1 s learning begins again
-LONG_GAP = (
-    0.3  # s between two estimates, after which the prediction may change by centimetres
-)
-CATCH_UP = 0.1  # s, time constant of such a change: 2 m/s² for 20 mm
-DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
-DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
 LONGEST_PAUSE = 0.5  # s, a longer pause means that the clock was set
-LONGEST_BRAKING = (
-    0.25  # s, time constant of a velocity that ends: 1.6 m/s² from 0.2 m/s
-)
-SETTLING_TIME = 0.5  # s, minimum duration of estimates before the correction fades in
-NONE_KNOWN: tuple[bool, ...] = (False, False, False)
-NO_SHARE = MotionState(
-    Pose(-1.0, -1.0, -1.0), ZERO_TWIST
-)  # a share of 0 minus a share of 1
-SMOOTHING = (
-    0.03  # s, time constant of a change by an estimate with the usual noise: 30 Hz
-)
-LEAST_SMOOTHING = 0.015  # s, the same with less than half of it
-USUAL_NOISE = (1e-3, 1e-3, 1.75e-3)  # m, m, rad
 
 
 @settings
@@ -121,6 +101,8 @@ class Remainder:
 
     """
 
+    DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
+
     def __init__(self, constant: float) -> None:
         self._constant = constant
         self.clear()
@@ -149,7 +131,7 @@ class Remainder:
                 )
             ]
         )
-        self._start, self._end = time, time + DEAD_AFTER * constant
+        self._start, self._end = time, time + self.DEAD_AFTER * constant
 
     def at(self, time: float) -> MotionState:
         """Return the remainder at a time [s]: (p + s t) exp(−t/T) along each axis."""
@@ -176,6 +158,22 @@ class Remainder:
 class Correction:
     """Correction: the disturbance to correct at each instant."""
 
+    LONG_GAP = 0.3  # s between two estimates, after which the prediction may change by centimetres
+    CATCH_UP = 0.1  # s, time constant of such a change: 2 m/s² for 20 mm
+    DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
+    # s, time constant of a velocity that ends: 1.6 m/s² from 0.2 m/s
+    LONGEST_BRAKING = 0.25
+    # s, minimum duration of estimates before the correction fades in
+    SETTLING_TIME = 0.5
+    NONE_KNOWN: tuple[bool, ...] = (False, False, False)
+    NO_SHARE = MotionState(
+        Pose(-1.0, -1.0, -1.0), ZERO_TWIST
+    )  # a share of 0 minus a share of 1
+    # s, time constant of a change by an estimate with the usual noise: 30 Hz
+    SMOOTHING = 0.03
+    LEAST_SMOOTHING = 0.015  # s, the same with less than half of it
+    USUAL_NOISE = (1e-3, 1e-3, 1.75e-3)  # m, m, rad
+
     def __init__(self, settings: CorrectionSettings) -> None:
         self.settings = settings
         self.predictor = DisturbancePredictor()
@@ -196,11 +194,11 @@ class Correction:
         self._time: float | None = None
         self._state = ZERO_STATE  # at that time; later states continue it
         self._interrupted = (
-            NONE_KNOWN  # axes that were corrected when the estimates ended
+            self.NONE_KNOWN  # axes that were corrected when the estimates ended
         )
-        constant = settings.fade_time / DECAYS
+        constant = settings.fade_time / self.DECAYS
         self._smooth = Remainder(
-            SMOOTHING
+            self.SMOOTHING
         )  # changes of the prediction by each new estimate
         self._missing = Remainder(
             constant
@@ -209,9 +207,11 @@ class Correction:
         # fade it would move the correction far away.
         self._fade, self._brake = (
             Remainder(constant),
-            Remainder(min(constant, LONGEST_BRAKING)),
+            Remainder(min(constant, self.LONGEST_BRAKING)),
         )
-        self._catch_up = Remainder(CATCH_UP)  # changes of the prediction by a long gap
+        self._catch_up = Remainder(
+            self.CATCH_UP
+        )  # changes of the prediction by a long gap
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Learn from a checked estimate, unless it is within 15 ms of the last learnt estimate."""
@@ -227,7 +227,7 @@ class Correction:
         if has_stepped or self.predictor.since == estimate.stamp:
             # The estimator may be wrong: the head follows no faster than the correction fades in.
             self._fade_from(self._time, self._target(predicted))
-        elif elapsed > LONG_GAP:
+        elif elapsed > self.LONG_GAP:
             jump = self._target(predicted).minus(self._target(self._predicted))
             self._catch_up.add(self._time, jump)
         else:
@@ -246,7 +246,9 @@ class Correction:
             )
             for known, since in zip(estimate.known, self._found, strict=True)
         ]
-        known = tuple(estimate.stamp - since >= SETTLING_TIME for since in self._found)
+        known = tuple(
+            estimate.stamp - since >= self.SETTLING_TIME for since in self._found
+        )
         if known != self.known:
             self._change(known=known)
 
@@ -318,10 +320,10 @@ class Correction:
         noise = max(
             math.sqrt(variance) / usual
             for variance, usual in zip(
-                self.predictor.innovations.tolist(), USUAL_NOISE, strict=True
+                self.predictor.innovations.tolist(), self.USUAL_NOISE, strict=True
             )
         )
-        return min(max(noise * SMOOTHING, LEAST_SMOOTHING), SMOOTHING)
+        return min(max(noise * self.SMOOTHING, self.LEAST_SMOOTHING), self.SMOOTHING)
 
     def silence_cause(self, now: float) -> str:
         """Return why no valid estimate is received at a time [s], with the next step."""
@@ -340,7 +342,7 @@ class Correction:
             return CorrectionMode.NO_ESTIMATE
         if abs(self.age(now)) > FADE_AFTER:
             return CorrectionMode.SILENT
-        if self.predictor.stamp - self.predictor.since < SETTLING_TIME:
+        if self.predictor.stamp - self.predictor.since < self.SETTLING_TIME:
             return CorrectionMode.SETTLING
         return CorrectionMode.ACTIVE
 
@@ -372,7 +374,7 @@ class Correction:
         ]
         if any(begun):
             left = self._missing.at(self._time)
-            self._missing.add(self._time, _along(begun, NO_SHARE.minus(left)))
+            self._missing.add(self._time, _along(begun, self.NO_SHARE.minus(left)))
         self._fade_from(self._time, before)
 
     def _restart(self, time: float, mode: CorrectionMode) -> None:
@@ -385,7 +387,7 @@ class Correction:
             self._catch_up,
         ):
             remainder.clear()
-        self._time, self.mode, self._interrupted = time, mode, NONE_KNOWN
+        self._time, self.mode, self._interrupted = time, mode, self.NONE_KNOWN
         self._fade_from(time, self._state)
 
     def _fade_from(self, time: float, before: MotionState) -> None:
@@ -397,7 +399,7 @@ class Correction:
     @property
     def _corrected(self) -> tuple[bool, ...]:
         """Return the mask of the axes x, y, theta that are corrected at present."""
-        return self.known if self.mode is CorrectionMode.ACTIVE else NONE_KNOWN
+        return self.known if self.mode is CorrectionMode.ACTIVE else self.NONE_KNOWN
 
     @property
     def _predicted(self) -> MotionState:

@@ -8,19 +8,20 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import difference, MotionState, Pose, Twist
 from facade_manipulator.motion.timed_buffer import KEPT_TIME, TimedBuffer
 
-LARGEST_ERROR = 0.02  # m, of a head that follows
-LARGEST_YAW_ERROR = 0.035  # rad, of a head that follows
 OFF_PATH_TIME = 0.5  # s of not following, after which the path begins again at the head
-ARM = 0.35  # m, weight of yaw against displacement
-LEAST_SPEED = 0.02  # m/s for one second; with less motion, noise hides part of the lag
-LAG_MEMORY = (
-    10.0  # s, time constant with which the lag is measured: drives change it slowly
-)
-GREATEST_LAG = 0.05  # s, maximum that is compensated: a larger one is a fault
 
 
 class Following:
     """Comparison of the measured pose of the head with the pose published for that instant."""
+
+    LARGEST_ERROR = 0.02  # m, of a head that follows
+    LARGEST_YAW_ERROR = 0.035  # rad, of a head that follows
+    ARM = 0.35  # m, weight of yaw against displacement
+    # m/s for one second; with less motion, noise hides part of the lag
+    LEAST_SPEED = 0.02
+    # s, time constant with which the lag is measured: drives change it slowly
+    LAG_MEMORY = 10.0
+    GREATEST_LAG = 0.05  # s, maximum that is compensated: a larger one is a fault
 
     def __init__(self) -> None:
         self._path: TimedBuffer[Pose, MotionState] = TimedBuffer(_motion)
@@ -55,8 +56,8 @@ class Following:
             self._followed_at = stamp
             return
         error = difference(planned.position, head)
-        if math.hypot(error.x, error.y) < LARGEST_ERROR and (
-            abs(error.theta) < LARGEST_YAW_ERROR
+        if math.hypot(error.x, error.y) < self.LARGEST_ERROR and (
+            abs(error.theta) < self.LARGEST_YAW_ERROR
         ):
             self._followed_at = stamp
             self._measure_lag(interval, error, planned.velocity)
@@ -75,16 +76,16 @@ class Following:
     def _measure_lag(self, interval: float, error: Pose, velocity: Twist) -> None:
         """Update the lag [s] by regression of the error on the velocity, with forgetting."""
         interval = min(interval, 1.0)
-        fade = math.exp(-interval / LAG_MEMORY)
-        turn = ARM * ARM * velocity.theta
+        fade = math.exp(-interval / self.LAG_MEMORY)
+        turn = self.ARM * self.ARM * velocity.theta
         delay = error.x * velocity.x + error.y * velocity.y + error.theta * turn
         power = velocity.x**2 + velocity.y**2 + velocity.theta * turn
         self._delay = fade * self._delay + interval * delay
         self._power = fade * self._power + interval * power
 
         # with little motion the lag shrinks, so that it begins without a jump
-        lag = self._delay / max(self._power, LEAST_SPEED**2)
-        self.lag = min(max(lag, -GREATEST_LAG), GREATEST_LAG)
+        lag = self._delay / max(self._power, self.LEAST_SPEED**2)
+        self.lag = min(max(lag, -self.GREATEST_LAG), self.GREATEST_LAG)
 
 
 def _motion(

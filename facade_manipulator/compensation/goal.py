@@ -23,13 +23,6 @@ from facade_manipulator.errors import joined
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.parameters import parameter, settings
 
-GOAL_PERIOD = 0.2  # s, between two reports while the head moves
-LEAVING = 2.0  # times the tolerance: a larger error leaves a reached goal
-# s after its path, in which the head reaches a goal if nothing holds it back
-ARRIVAL_TIME = 1.0
-NO_GOAL = 'no goal was received; next: send goal_pose'
-NEWER_GOAL = 'a newer goal was received'
-
 
 class Goal(NamedTuple):
     """Goal of the head on the wall."""
@@ -51,19 +44,6 @@ class GoalState(Enum):
     REJECTED = 'rejected'  #: never followed
     ENDED = 'ended'  #: no longer followed
     SUPERSEDED = 'superseded'  #: by a newer goal
-
-
-FOLLOWED = (
-    GoalState.ACCEPTED,
-    GoalState.MOVING,
-    GoalState.HELD_BACK,
-    GoalState.REACHED,
-)
-LEVEL_OF_STATE = {
-    GoalState.HELD_BACK: 'warn',
-    GoalState.ENDED: 'warn',
-    GoalState.REJECTED: 'error',
-}
 
 
 @settings
@@ -111,9 +91,6 @@ class Remaining(NamedTuple):
     time: float = math.nan  #: until the path ends and the dwell time is over [s]
 
 
-UNKNOWN_REMAINDER = Remaining()
-
-
 class GoalTracker:
     """
     Tracker of the newest goal, which publishes each of its states.
@@ -139,6 +116,25 @@ class GoalTracker:
 
     """
 
+    GOAL_PERIOD = 0.2  # s, between two reports while the head moves
+    LEAVING = 2.0  # times the tolerance: a larger error leaves a reached goal
+    # s after its path, in which the head reaches a goal if nothing holds it back
+    ARRIVAL_TIME = 1.0
+    NO_GOAL = 'no goal was received; next: send goal_pose'
+    NEWER_GOAL = 'a newer goal was received'
+    FOLLOWED = (
+        GoalState.ACCEPTED,
+        GoalState.MOVING,
+        GoalState.HELD_BACK,
+        GoalState.REACHED,
+    )
+    LEVEL_OF_STATE = {
+        GoalState.HELD_BACK: 'warn',
+        GoalState.ENDED: 'warn',
+        GoalState.REJECTED: 'error',
+    }
+    UNKNOWN_REMAINDER = Remaining()
+
     def __init__(
         self,
         compensator: Compensator,
@@ -151,7 +147,7 @@ class GoalTracker:
         self.settings = ArrivalSettings()
         self._goal = Goal(ZERO_POSE, '', -math.inf)  # before the first goal
         self.state = GoalState.NONE
-        self._reason = NO_GOAL
+        self._reason = self.NO_GOAL
         self._rejection: Rejection | None = None  # since a goal was followed last
         self._near_since = math.inf  # since when the head is near the goal [s]
         self._due = -math.inf  # time of the next report [s]
@@ -160,7 +156,7 @@ class GoalTracker:
     @property
     def is_followed(self) -> bool:
         """Return whether the head follows the newest goal."""
-        return self.state in FOLLOWED
+        return self.state in self.FOLLOWED
 
     @property
     def is_in_force(self) -> bool:
@@ -194,7 +190,7 @@ class GoalTracker:
         is_reached = self.state is GoalState.REACHED
         is_other = goal.stamp != self._goal.stamp
         if self.is_in_force and is_other and not is_reached:
-            self._enter(GoalState.SUPERSEDED, NEWER_GOAL)
+            self._enter(GoalState.SUPERSEDED, self.NEWER_GOAL)
         self._goal = goal
         self.state = GoalState.WAITING
 
@@ -230,9 +226,9 @@ class GoalTracker:
         state, reason = self._present_state(now, remaining)
         is_changed = state is not self.state or reason != self._reason
         # or the clock was set back
-        is_due = not self._due - GOAL_PERIOD <= now < self._due
+        is_due = not self._due - self.GOAL_PERIOD <= now < self._due
         if is_changed or (is_due and state is not GoalState.REACHED):
-            self._due = now + GOAL_PERIOD
+            self._due = now + self.GOAL_PERIOD
             self._enter(state, reason, remaining)
 
     def _remaining(self, now: float) -> Remaining:
@@ -255,7 +251,7 @@ class GoalTracker:
         return Remaining(distance, angle, max(path_time, 0.0) + dwell)
 
     def _is_near(self, distance: float, angle: float) -> bool:
-        factor = LEAVING if self.state is GoalState.REACHED else 1.0
+        factor = self.LEAVING if self.state is GoalState.REACHED else 1.0
         is_close = distance <= factor * self.settings.distance
         return is_close and angle <= factor * self.settings.angle
 
@@ -272,7 +268,7 @@ class GoalTracker:
         if is_near and (self.state is GoalState.REACHED or remaining.time <= 0.0):
             return GoalState.REACHED, reason
 
-        is_late = compensator.path_time(now) < -ARRIVAL_TIME
+        is_late = compensator.path_time(now) < -self.ARRIVAL_TIME
         if is_late and not is_near and not reason:
             reason = late_reason(compensator, now)
             if reason and self.state is not GoalState.HELD_BACK:
@@ -322,7 +318,7 @@ class GoalTracker:
                 'rejected goal stamp': self._rejection.stamp,
                 'rejection': self._rejection.reason,
             }
-        level = LEVEL_OF_STATE.get(state, 'ok')
+        level = self.LEVEL_OF_STATE.get(state, 'ok')
         self._publish(('goal', level, _outcome(state, reason), values))
 
 

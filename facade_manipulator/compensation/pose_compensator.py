@@ -41,14 +41,13 @@ from facade_manipulator.motion.head_path import (
 from facade_manipulator.parameters import parameter, ParameterSource, settings
 from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings
 
-DRIVE_LAG = 0.015  # s, controller.drive_lag of the shipped parameters
-TRANSPORT = 0.01  # s, from a corrected pose to the cycle that uses its setpoint
-LONGEST_INTERVAL = 0.1  # s, a longer pause counts as this interval
-
 
 @settings
 class CompensationSettings:
     """Settings of the compensation: rate and lead of corrected poses."""
+
+    DRIVE_LAG = 0.015  # s, controller.drive_lag of the shipped parameters
+    TRANSPORT = 0.01  # s, from a corrected pose to the cycle that uses its setpoint
 
     rate: float = parameter(
         'Rate of corrected poses',
@@ -74,7 +73,7 @@ class CompensationSettings:
         latch a target at the next SYNC and interpolate to it for one more, their lag, and the
         time until a setpoint is read. A setpoint that is read later is extrapolated.
         """
-        return self.horizon or 2.0 / self.rate + DRIVE_LAG + TRANSPORT
+        return self.horizon or 2.0 / self.rate + self.DRIVE_LAG + self.TRANSPORT
 
 
 class CorrectedPose(NamedTuple):
@@ -113,11 +112,11 @@ class CompensatorSettings(NamedTuple):
         )
 
 
-DEFAULTS = CompensatorSettings()
-
-
 class Compensator:
     """Compensator: goals, estimates and contact measurements become corrected poses."""
+
+    LONGEST_INTERVAL = 0.1  # s, a longer pause counts as this interval
+    DEFAULTS = CompensatorSettings()
 
     def __init__(
         self, geometry: Geometry, settings: CompensatorSettings = DEFAULTS
@@ -227,7 +226,7 @@ class Compensator:
         """
         time = now + self.settings.lead
         if self.newest is not None and (
-            not -LONGEST_INTERVAL <= time - self.newest.time <= LONGEST_PAUSE
+            not -self.LONGEST_INTERVAL <= time - self.newest.time <= LONGEST_PAUSE
         ):
             self.newest = None  # the clock was set: begin again
         reach_time = time + self.following.lag
@@ -243,7 +242,7 @@ class Compensator:
 
         interval = 0.0
         if self.newest is not None:
-            interval = min(max(time - self.newest.time, 0.0), LONGEST_INTERVAL)
+            interval = min(max(time - self.newest.time, 0.0), self.LONGEST_INTERVAL)
         shifted = self._shift(now, reach_time, interval, reference, disturbance)
         pose, error = self._workspace.saturate(
             relative(disturbance, shifted), math.tan(disturbance.theta)

@@ -22,13 +22,6 @@ from facade_manipulator.kinematics.links import (
     x_interval,
 )
 
-WORKSPACE_MARGIN = 0.004  # m, distance kept from reach, stroke and carriage gap
-REFINEMENTS = 3  # iterations of y for a limited x, whose limit depends slightly on y
-# Depth over which an axis is bent into the limit, so that the head meets it without a jerk.
-KNEE, Y_KNEE, YAW_KNEE = 0.03, 0.01, 0.02  # m, m, rad: x, y, theta
-SEARCHED_PLACES = 201  # number of y in the search for the interval at θ = 0
-HALVINGS = 24  # of the interval in the search for a yaw; the last is below 1e-7 rad
-
 
 class Saturated(NamedTuple):
     """A pose inside the limit and the part removed from each axis [m, m, rad]."""
@@ -60,6 +53,14 @@ class WorkspaceLimit:
         If no workspace is left.
 
     """
+
+    WORKSPACE_MARGIN = 0.004  # m, distance kept from reach, stroke and carriage gap
+    # iterations of y for a limited x, whose limit depends slightly on y
+    REFINEMENTS = 3
+    # Depth over which an axis is bent into the limit, so that the head meets it without a jerk.
+    KNEE, Y_KNEE, YAW_KNEE = 0.03, 0.01, 0.02  # m, m, rad: x, y, theta
+    SEARCHED_PLACES = 201  # number of y in the search for the interval at θ = 0
+    HALVINGS = 24  # of the interval in the search for a yaw; the last is below 1e-7 rad
 
     def __init__(
         self,
@@ -94,7 +95,7 @@ class WorkspaceLimit:
         """
         inside = self._clamped(pose)
         if slope != 0.0 and inside.saturation_error.x != 0.0:
-            for _ in range(REFINEMENTS):  # the limit of x depends slightly on y
+            for _ in range(self.REFINEMENTS):  # the limit of x depends slightly on y
                 inside = self._clamped(
                     pose._replace(y=pose.y + slope * inside.saturation_error.x)
                 )
@@ -109,10 +110,10 @@ class WorkspaceLimit:
         return Saturated(inside, subtract(pose, inside))
 
     def _clamped_platform(self, pose: Pose) -> Saturated:
-        y = soft_clamp(pose.y, *self._span_y, Y_KNEE)
+        y = soft_clamp(pose.y, *self._span_y, self.Y_KNEE)
         yaw = self._greatest_yaw(y)
-        theta = soft_clamp(pose.theta, -yaw, yaw, YAW_KNEE)
-        x = soft_clamp(pose.x, *self._x_interval(y, theta), KNEE)
+        theta = soft_clamp(pose.theta, -yaw, yaw, self.YAW_KNEE)
+        x = soft_clamp(pose.x, *self._x_interval(y, theta), self.KNEE)
         return Saturated(
             Pose(x, y, theta), Pose(pose.x - x, pose.y - y, pose.theta - theta)
         )
@@ -124,8 +125,8 @@ class WorkspaceLimit:
         Carriage gap and reach give its ends, or conditioning and stroke if they end it earlier.
         """
         nearest = max(math.sqrt(max(-self._order, 0.0)), self._margin)
-        step = (self._reach - nearest) / (SEARCHED_PLACES - 1)
-        places = [nearest + number * step for number in range(SEARCHED_PLACES - 1)]
+        step = (self._reach - nearest) / (self.SEARCHED_PLACES - 1)
+        places = [nearest + number * step for number in range(self.SEARCHED_PLACES - 1)]
         places.append(self._reach)
         usable = [y for y in places if step > 0.0 and self._is_usable(y, 0.0)]
         if not usable:
@@ -149,7 +150,7 @@ class WorkspaceLimit:
             return yaw
 
         usable = 0.0
-        for _ in range(HALVINGS):
+        for _ in range(self.HALVINGS):
             middle = 0.5 * (usable + yaw)
             if self._is_usable(y, middle) and self._is_usable(y, -middle):
                 usable = middle

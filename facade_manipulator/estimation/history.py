@@ -17,11 +17,6 @@ from operator import attrgetter
 
 from facade_manipulator.estimation.rail_pose_model import FilterState, ImuInput, Process
 
-HISTORY_SPAN = (
-    0.4  # s, length of the history: more than `OLDEST` of `imu_checks`, the maximum age
-)
-LONGEST = 0.011  # s, maximum step that averages inputs: two at 200 Hz lose no accuracy
-
 _stamp = attrgetter('stamp')
 
 
@@ -65,6 +60,11 @@ class History:
 
     """
 
+    # s, length of the history: more than `OLDEST_MEASUREMENT` of `imu_checks`, the maximum age
+    HISTORY_SPAN = 0.4
+    # s, maximum step that averages inputs: two at 200 Hz lose no accuracy
+    LONGEST = 0.011
+
     def __init__(self, process: Process, correct: Correct, stamp: float) -> None:
         self._process = process
         self._correct = correct
@@ -105,14 +105,14 @@ class History:
 
         last = steps[-1]
         is_new = self._valid < len(steps)
-        if is_new and imu and last.imu and stamp - steps[-2].stamp <= LONGEST:
+        if is_new and imu and last.imu and stamp - steps[-2].stamp <= self.LONGEST:
             share = (stamp - last.stamp) / (stamp - steps[-2].stamp)
             last.imu = mean_input(last.imu, imu, share)
             last.stamp = stamp
         else:
             steps.append(Step(stamp, imu, last.state))
 
-        while self._valid > 1 and steps[1].stamp < stamp - HISTORY_SPAN:
+        while self._valid > 1 and steps[1].stamp < stamp - self.HISTORY_SPAN:
             del steps[0]
             self._valid -= 1
         count = bisect_right(self._measurements, self.oldest, key=_stamp)

@@ -17,19 +17,6 @@ SENSOR_CLOCK_TOLERANCE = 0.01  # s, maximum difference of clocks
 # rad/s and m/s²: beyond them an IMU is saturated or broken
 LARGEST_RATE = 4.0
 LARGEST_FORCE = 30.0
-MOST_IN_G = 1.7  # maximum acceleration at rest [m/s²] that means an IMU with the unit g
-SETTLING = 0.005  # share of a measurement in the mean acceleration
-UPRIGHT = 0.8  # minimum share of the acceleration along the rail's z: 37 degrees
-SHORTEST_BASELINE = 0.1  # m, minimum between two distance sensors to measure yaw
-WINDOW = 0.5  # s, of a compared turn
-WINDOWS = 24  # number of the compared turns
-FEWEST_TURNS = 10  # minimum number of them
-TURNED = 2e-3  # rad, minimum standard deviation of the turns to compare
-CORRELATED = 0.8  # squared correlation of the turns that shows a fault
-# maximum ratio of distance turns to gyroscope turns that means swapped sides
-SWAPPED = -0.4
-# minimum and maximum ratio that mean degrees
-DEGREES = (0.6 * math.pi / 180.0, 1.6 * math.pi / 180.0)
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
@@ -44,6 +31,11 @@ def rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 class ImuGate:
     """Reject measurements that are impossible for an IMU on a gondola."""
+
+    # maximum acceleration at rest [m/s²] that means an IMU with the unit g
+    MOST_IN_G = 1.7
+    SETTLING = 0.005  # share of a measurement in the mean acceleration
+    UPRIGHT = 0.8  # minimum share of the acceleration along the rail's z: 37 degrees
 
     def __init__(self, settings: ImuSettings) -> None:
         self._delay = settings.delay
@@ -100,7 +92,7 @@ class ImuGate:
         """Update the mean acceleration with a measurement along the axes of the rail."""
         means = []
         for mean, force in zip(self._mean, forced, strict=True):
-            means.append(mean + SETTLING * (force - mean))
+            means.append(mean + self.SETTLING * (force - mean))
         self._mean = means
 
     @staticmethod
@@ -116,13 +108,13 @@ class ImuGate:
         """Require that the mean acceleration is gravity, along the z of the rail."""
         upwards = self._mean[2]
         whole = math.hypot(*self._mean)
-        if whole < MOST_IN_G:
+        if whole < self.MOST_IN_G:
             raise InputError(
                 'unit',
                 f'imu rejected: mean acceleration = {whole:.3g} m/s^2, expected about '
                 f'{GRAVITY} m/s^2; next: publish accelerations in m/s^2 and with gravity',
             )
-        if upwards < UPRIGHT * whole:
+        if upwards < self.UPRIGHT * whole:
             raise InputError(
                 'mounting',
                 f"imu rejected: acceleration along the rail's z = {upwards:.3g} m/s^2 "
@@ -137,10 +129,21 @@ class YawComparison:
     With swapped distance sensors, or rates in degrees, the filter gives plausible wrong estimates.
     """
 
+    SHORTEST_BASELINE = 0.1  # m, minimum between two distance sensors to measure yaw
+    WINDOW = 0.5  # s, of a compared turn
+    WINDOWS = 24  # number of the compared turns
+    FEWEST_TURNS = 10  # minimum number of them
+    TURNED = 2e-3  # rad, minimum standard deviation of the turns to compare
+    CORRELATED = 0.8  # squared correlation of the turns that shows a fault
+    # maximum ratio of distance turns to gyroscope turns that means swapped sides
+    SWAPPED = -0.4
+    # minimum and maximum ratio that mean degrees
+    DEGREES = (0.6 * math.pi / 180.0, 1.6 * math.pi / 180.0)
+
     def __init__(self) -> None:
         self.turned = 0.0  #: integral of the gyroscope's yaw rate [rad]
         # stamp, this integral and yaw by the distances
-        self._samples: deque[tuple[float, float, float]] = deque(maxlen=WINDOWS)
+        self._samples: deque[tuple[float, float, float]] = deque(maxlen=self.WINDOWS)
         self._newest: dict[float, float] = {}  # distances by places along the rail
 
     def add_distance(self, place: float, stamp: float, distance: float) -> str:
@@ -148,28 +151,28 @@ class YawComparison:
         self._newest[place] = distance
         left = min(self._newest)
         right = max(self._newest)
-        if right - left < SHORTEST_BASELINE:
+        if right - left < self.SHORTEST_BASELINE:
             return ''
-        if self._samples and stamp - self._samples[-1][0] < WINDOW:
+        if self._samples and stamp - self._samples[-1][0] < self.WINDOW:
             return ''
 
         yaw = (self._newest[left] - self._newest[right]) / (right - left)
         self._samples.append((stamp, self.turned, yaw))
-        if len(self._samples) < FEWEST_TURNS:
+        if len(self._samples) < self.FEWEST_TURNS:
             return ''
 
         # regression of the turns by the distances on the turns by the gyroscope
         _, *turns = np.diff(self._samples, axis=0).T
         (variance, common), (_, other) = np.cov(turns)
-        if variance < TURNED**2 or common**2 < CORRELATED * variance * other:
+        if variance < self.TURNED**2 or common**2 < self.CORRELATED * variance * other:
             return ''
         ratio = common / variance  # independent of the gyroscope's bias
-        if ratio < SWAPPED:
+        if ratio < self.SWAPPED:
             return (
                 'the yaw of the distances is opposite to that of the imu; next: swap left and '
                 'right, or correct imu.mounting'
             )
-        if DEGREES[0] < abs(ratio) < DEGREES[1]:
+        if self.DEGREES[0] < abs(ratio) < self.DEGREES[1]:
             return (
                 'the imu turns 57 times as far as the distances; next: publish turning rates '
                 'in rad/s, not in degrees per second'

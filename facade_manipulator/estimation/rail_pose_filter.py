@@ -29,13 +29,6 @@ from facade_manipulator.estimation.rail_pose_model import X, Y, YAW
 from facade_manipulator.estimation.wall_depth_levels import Channel, Level, OUTLIER
 from facade_manipulator.kinematics import Pose, Twist
 
-LONGEST_PAUSE_OF_CALLS = 0.5  # s between two calls, after which all axes restart
-# m², m², rad²: above these variances x, y and yaw count as unknown; ten times as much is then
-# published
-GIVEN_UP = (0.1, 0.1, 0.01)
-LOST = 1.0  # s without an accepted measurement, after which an axis restarts
-IMU_SILENCE = 0.1  # s without a measurement of the IMU, after which the filter coasts
-
 
 class EstimatorEvent(NamedTuple):
     """Event of the estimator: its time [s] and a text that begins with the axis or the sensor."""
@@ -60,6 +53,14 @@ class DisturbanceEstimator:
 
     The node adds each measurement when it arrives, and calls `advance` in each cycle.
     """
+
+    LONGEST_PAUSE_OF_CALLS = 0.5  # s between two calls, after which all axes restart
+    # m², m², rad²: above these variances x, y and yaw count as unknown; ten times as much is then
+    # published
+    GIVEN_UP = (0.1, 0.1, 0.01)
+    LOST = 1.0  # s without an accepted measurement, after which an axis restarts
+    # s without a measurement of the IMU, after which the filter coasts
+    IMU_SILENCE = 0.1
 
     def __init__(self, setup: EstimatorSetup) -> None:
         self._gate = ImuGate(setup.imu)
@@ -112,7 +113,7 @@ class DisturbanceEstimator:
     def _set_time(self, now: float) -> None:
         """Set the present time [s]; reset everything if the clock was set."""
         elapsed = now - self._now
-        if not -SENSOR_CLOCK_TOLERANCE <= elapsed <= LONGEST_PAUSE_OF_CALLS:
+        if not -SENSOR_CLOCK_TOLERANCE <= elapsed <= self.LONGEST_PAUSE_OF_CALLS:
             self._now = now
             is_first = not math.isfinite(elapsed)
             self._reset('' if is_first else f'the clock advanced by {elapsed:.3f} s')
@@ -135,7 +136,7 @@ class DisturbanceEstimator:
         stamp, newest = self._gate.check(now, stamp, rates, forces)
         mean = mean_input(last or newest, newest, 0.5)
         # The first interval is infinite; any value will do, because only changes are compared.
-        self._comparison.turned += newest[2] * min(stamp - before, IMU_SILENCE)
+        self._comparison.turned += newest[2] * min(stamp - before, self.IMU_SILENCE)
         if self.is_coasting:
             self.is_coasting = False
             self._note('imu', 'measuring')
@@ -181,7 +182,7 @@ class DisturbanceEstimator:
         self._set_time(now)
         # by arrival: stamps of a late IMU would always seem old
         silence = now - self._gate.arrival
-        if silence > IMU_SILENCE:
+        if silence > self.IMU_SILENCE:
             if not self.is_coasting:
                 self.is_coasting = True
                 self._note(
@@ -303,10 +304,10 @@ class DisturbanceEstimator:
             return
         for axis in (X, Y, YAW):
             # Rounding of the variance of an unknown axis would corrupt the other axes.
-            if variances[axis] > GIVEN_UP[axis]:
+            if variances[axis] > self.GIVEN_UP[axis]:
                 reason = 'restarted: not measured for too long'
             elif axis in self.started and self._is_locked_out(axis):
-                reason = f'restarted: no measurement was accepted for {LOST:g} s'
+                reason = f'restarted: no measurement was accepted for {self.LOST:g} s'
             else:
                 continue
             axes = (Y, YAW) if axis != X and self._distances else (axis,)
@@ -319,8 +320,10 @@ class DisturbanceEstimator:
     def _is_locked_out(self, axis: int) -> bool:
         """Return whether all measurements of an axis have been rejected for `LOST` [s]."""
         channels = [one for one in self.channels.values() if axis in one.sensor.axes]
-        is_measured = any(one.stamp - one.fitted > LOST for one in channels)
-        return is_measured and all(self._now - one.fitted > LOST for one in channels)
+        is_measured = any(one.stamp - one.fitted > self.LOST for one in channels)
+        return is_measured and all(
+            self._now - one.fitted > self.LOST for one in channels
+        )
 
     def _motion(self, step: Step) -> RailMotion:
         """Return the motion of the rail's middle [m, rad, s]."""
@@ -343,7 +346,7 @@ class DisturbanceEstimator:
 
         both = by_state @ covariance @ by_state.T
         for axis in {X, Y, YAW} - self.started:
-            both[axis, axis] += 10.0 * GIVEN_UP[axis]
+            both[axis, axis] += 10.0 * self.GIVEN_UP[axis]
         return RailMotion(
             step.stamp, Pose(*pose), both[:3, :3], Twist(*twist), both[3:, 3:]
         )

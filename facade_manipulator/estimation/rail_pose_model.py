@@ -48,32 +48,6 @@ from facade_manipulator.kinematics import Pose
 ) = range(15)
 SENSORS = 15  # index of the first state of a sensor of the wall
 RATES = [VX, VY, YAW_RATE]
-TILTS = slice(TILT_X, GYROSCOPE_X)
-GYROSCOPES = slice(GYROSCOPE_X, ACCELEROMETER_X)
-ACCELEROMETERS = slice(ACCELEROMETER_X, SENSORS)
-WITH_IMU, WITHOUT_IMU = range(2)
-# Variances of x, y, yaw and velocity when an axis starts:
-POSE_ON_START = (0.015**2, 0.015**2, 0.05**2)
-VELOCITY_ON_START = 0.15**2
-TILT = 3e-3  # rad, standard deviation from level
-TILT_TIME = 1.0  # s, correlation time of the tilts
-# Standard deviations of the biases at start. The filter also finds the biases of a consumer IMU,
-# three times as large. It could not separate a larger accelerometer bias from tilt.
-GYROSCOPE_BIAS_ON_START = 0.01  # rad/s
-ACCELEROMETER_BIAS_ON_START = 0.1  # m/s²
-# Random walk of the biases: 10 °/h and 0.1 mg of an industrial IMU in the minutes of a warm-up
-GYROSCOPE_WALK = 5e-6  # rad/s/√s
-ACCELEROMETER_WALK = 1e-4  # m/s²/√s
-# Hz, of the noise in yaw rate and acceleration: about one divided by a step
-BANDWIDTH = 100.0
-# Without an IMU, of a gondola in gusts:
-GUST_ACCELERATION = 0.12  # m/s², standard deviation
-ACCELERATION_TIME = 0.6  # s, correlation time
-YAW_ACCELERATION = 6e-3  # rad/s²/√Hz
-# s, correlation time of the delay of a fix: for a constant delay the variance would fall to 0,
-# although errors of the model look like a delay
-DELAY_TIME = 60.0
-PLACE_LENGTH = 0.02  # m, correlation length of the errors of places on the wall
 
 #: Turning rates [rad/s] and specific forces [m/s²] along the rail's axes; None without an IMU.
 ImuInput = tuple[float, ...] | None
@@ -115,16 +89,39 @@ class Process:
     variances (Gauss-Markov processes). Accelerations and tilts decay only without an IMU.
     """
 
+    TILTS = slice(TILT_X, GYROSCOPE_X)
+    GYROSCOPES = slice(GYROSCOPE_X, ACCELEROMETER_X)
+    ACCELEROMETERS = slice(ACCELEROMETER_X, SENSORS)
+    WITH_IMU, WITHOUT_IMU = range(2)
+    # Variances of x, y, yaw and velocity when an axis starts:
+    POSE_ON_START = (0.015**2, 0.015**2, 0.05**2)
+    VELOCITY_ON_START = 0.15**2
+    TILT = 3e-3  # rad, standard deviation from level
+    TILT_TIME = 1.0  # s, correlation time of the tilts
+    # Standard deviations of the biases at start. The filter also finds the biases of a consumer
+    # IMU, three times as large. It could not separate a larger accelerometer bias from tilt.
+    GYROSCOPE_BIAS_ON_START = 0.01  # rad/s
+    ACCELEROMETER_BIAS_ON_START = 0.1  # m/s²
+    # Random walk of the biases: 10 °/h and 0.1 mg of an industrial IMU in the minutes of a warm-up
+    GYROSCOPE_WALK = 5e-6  # rad/s/√s
+    ACCELEROMETER_WALK = 1e-4  # m/s²/√s
+    # Hz, of the noise in yaw rate and acceleration: about one divided by a step
+    BANDWIDTH = 100.0
+    # Without an IMU, of a gondola in gusts:
+    GUST_ACCELERATION = 0.12  # m/s², standard deviation
+    ACCELERATION_TIME = 0.6  # s, correlation time
+    YAW_ACCELERATION = 6e-3  # rad/s²/√Hz
+
     def __init__(self, imu: ImuSettings, sensors: Sequence[SensorState]) -> None:
         # variances at the start
         self._variances = np.zeros(SENSORS + len(sensors))
-        self._variances[[X, Y, YAW]] = POSE_ON_START
-        self._variances[[VX, VY]] = VELOCITY_ON_START
-        self._variances[[AX, AY]] = GUST_ACCELERATION**2
+        self._variances[[X, Y, YAW]] = self.POSE_ON_START
+        self._variances[[VX, VY]] = self.VELOCITY_ON_START
+        self._variances[[AX, AY]] = self.GUST_ACCELERATION**2
         self._variances[YAW_RATE] = 1e-4
-        self._variances[TILTS] = TILT**2
-        self._variances[GYROSCOPES] = GYROSCOPE_BIAS_ON_START**2
-        self._variances[ACCELEROMETERS] = ACCELEROMETER_BIAS_ON_START**2
+        self._variances[self.TILTS] = self.TILT**2
+        self._variances[self.GYROSCOPES] = self.GYROSCOPE_BIAS_ON_START**2
+        self._variances[self.ACCELEROMETERS] = self.ACCELEROMETER_BIAS_ON_START**2
         self._variances[SENSORS:] = [sensor.deviation**2 for sensor in sensors]
 
         # rates of the decay [1/m and 1/s], the latter with an IMU and without
@@ -132,18 +129,22 @@ class Process:
         self._by_distance[SENSORS:] = [1.0 / sensor.length for sensor in sensors]
         self._by_time = np.zeros((2, len(self._variances)))
         self._by_time[:, SENSORS:] = [1.0 / sensor.time for sensor in sensors]
-        self._by_time[WITHOUT_IMU, [AX, AY]] = 1.0 / ACCELERATION_TIME
-        self._by_time[WITHOUT_IMU, TILTS] = 1.0 / TILT_TIME
+        self._by_time[self.WITHOUT_IMU, [AX, AY]] = 1.0 / self.ACCELERATION_TIME
+        self._by_time[self.WITHOUT_IMU, self.TILTS] = 1.0 / self.TILT_TIME
 
         # process noise [per second], with an IMU and without
         self._walk = np.zeros((2, len(self._variances)))
-        self._walk[:, GYROSCOPES] = GYROSCOPE_WALK**2
-        self._walk[:, ACCELEROMETERS] = ACCELEROMETER_WALK**2
-        self._walk[WITHOUT_IMU, YAW_RATE] = YAW_ACCELERATION**2
-        self._walk[WITH_IMU, [YAW, TILT_X, TILT_Y]] = imu.gyroscope_noise**2
-        self._walk[WITH_IMU, [VX, VY]] = imu.accelerometer_noise**2
-        self._walk[WITH_IMU, YAW_RATE] = (BANDWIDTH * imu.gyroscope_noise) ** 2
-        self._walk[WITH_IMU, [AX, AY]] = (BANDWIDTH * imu.accelerometer_noise) ** 2
+        self._walk[:, self.GYROSCOPES] = self.GYROSCOPE_WALK**2
+        self._walk[:, self.ACCELEROMETERS] = self.ACCELEROMETER_WALK**2
+        self._walk[self.WITHOUT_IMU, YAW_RATE] = self.YAW_ACCELERATION**2
+        self._walk[self.WITH_IMU, [YAW, TILT_X, TILT_Y]] = imu.gyroscope_noise**2
+        self._walk[self.WITH_IMU, [VX, VY]] = imu.accelerometer_noise**2
+        self._walk[self.WITH_IMU, YAW_RATE] = (
+            self.BANDWIDTH * imu.gyroscope_noise
+        ) ** 2
+        self._walk[self.WITH_IMU, [AX, AY]] = (
+            self.BANDWIDTH * imu.accelerometer_noise
+        ) ** 2
 
     def initial_state(self) -> FilterState:
         """Return the state before the first measurement."""
@@ -173,7 +174,7 @@ class Process:
         x, y, yaw, vx, vy, ax, ay, wz, tilt_x, tilt_y, *biases = before[
             :SENSORS
         ].tolist()
-        mode = WITH_IMU if imu else WITHOUT_IMU
+        mode = self.WITH_IMU if imu else self.WITHOUT_IMU
         speed = math.hypot(vx, vy)
         decays = np.exp(-step * (speed * self._by_distance + self._by_time[mode]))
         noise = step * self._walk[mode] + self._variances * (1.0 - decays**2)
@@ -369,6 +370,12 @@ def pose_sensors(
         full_name = f'{name}.{Pose._fields[axis]}'
         sensors.append(PoseSensor(full_name, (axis,), noise, delay, place, 0.0))
     return sensors
+
+
+# s, correlation time of the delay of a fix: for a constant delay the variance would fall to 0,
+# although errors of the model look like a delay
+DELAY_TIME = 60.0
+PLACE_LENGTH = 0.02  # m, correlation length of the errors of places on the wall
 
 
 def make_sensors(setup: EstimatorSetup) -> list[WallSensor]:

@@ -9,20 +9,16 @@ import math
 
 import numpy as np
 
-START_TIME = 0.3  # s, duration of the measurements that start an axis
 LONGEST_START = 1.0  # s, maximum wait for further sensors of the same axes
-FEWEST_MEASUREMENTS = 4  # minimum number of measurements of a sensor
-# Share of measurements used: if half are of the wall, the others win 1 time in 6000
-DENSEST = 0.2
-# Standard deviations at rest, which choose among the levels of the wall:
-YAW_AT_REST = 0.01  # rad
-Y_AT_REST = 0.05  # m
-LEVEL_AT_REST = 0.5  # m
-ROUGHNESS = 3e-3  # m, standard deviation of a wall from a plane
 
 
 class FirstMeasurements:
     """Newest measurements of one sensor before its axes have started."""
+
+    START_TIME = 0.3  # s, duration of the measurements that start an axis
+    FEWEST_MEASUREMENTS = 4  # minimum number of measurements of a sensor
+    # Share of measurements used: if half are of the wall, the others win 1 time in 6000
+    DENSEST = 0.2
 
     def __init__(self) -> None:
         self.begin = math.inf  #: stamp of the first measurement [s]
@@ -33,28 +29,35 @@ class FirstMeasurements:
         self.begin = min(self.begin, stamp)
         self._items.append((stamp, value))
         while (
-            len(self._items) > FEWEST_MEASUREMENTS
-            and stamp - self._items[0][0] > START_TIME
+            len(self._items) > self.FEWEST_MEASUREMENTS
+            and stamp - self._items[0][0] > self.START_TIME
         ):
             self._items.popleft()
 
     def suffice(self, now: float) -> bool:
         """Return whether enough measurements, including recent ones, exist at a time [s]."""
-        if len(self._items) < FEWEST_MEASUREMENTS:
+        if len(self._items) < self.FEWEST_MEASUREMENTS:
             return False
         newest, _ = self._items[-1]
-        return newest > max(self.begin + START_TIME, now - LONGEST_START)
+        return newest > max(self.begin + self.START_TIME, now - LONGEST_START)
 
     def densest(self) -> float:
         """Return the newest value of the densest cluster [m or rad]."""
         values = np.array([value for _, value in self._items])
         ordered = np.sort(values)
-        count = max(int(DENSEST * len(values)), 2)
+        count = max(int(self.DENSEST * len(values)), 2)
         spans = ordered[count - 1 :] - ordered[: 1 - count]
         first = int(np.argmin(spans))
         last = first + count - 1
         is_close = (ordered[first] <= values) & (values <= ordered[last])
         return float(values[is_close][-1])
+
+
+# Standard deviations at rest, which choose among the levels of the wall:
+YAW_AT_REST = 0.01  # rad
+Y_AT_REST = 0.05  # m
+LEVEL_AT_REST = 0.5  # m
+ROUGHNESS = 3e-3  # m, standard deviation of a wall from a plane
 
 
 def start_at_wall(

@@ -22,23 +22,7 @@ from facade_manipulator.estimation.imu_checks import (
 from facade_manipulator.estimation.rail_pose_model import WallSensor
 from facade_manipulator.estimation.start import FirstMeasurements
 
-GATE = 4.0  # standard deviations: rejects 1 of 16 000 good measurements
-COASTING_GATE = 10.0  # without an IMU, because only an IMU shows a push
-# minimum distance of a new level from each known one, in standard deviations
-NEW_LEVEL = 8.0
-# m or rad, minimum between two levels: less than a mullion, more than a joint
-NEAREST = 3e-3
-AGREEMENT_TOLERANCE = (
-    6.0  # standard deviations of the noise, within which measurements agree
-)
-AGREEMENT = 0.8  # share of the measurements that make a level
-LEVEL_SPAN = 0.25  # s, of these measurements
-FEWEST_AGREEING = 4  # minimum number of these measurements
-MOST = 12  # levels that are kept
-LARGEST = 20.0  # m: a larger distance was sent in another unit
 OUTLIER = math.inf
-# weight of a new measurement in running means: about the last 50 count
-MEAN_WEIGHT = 0.02
 
 
 @dataclass
@@ -52,6 +36,20 @@ class Level:
 class Channel:
     """Sensor of the wall: its levels, which the distance sensors share, and its statistics."""
 
+    GATE = 4.0  # standard deviations: rejects 1 of 16 000 good measurements
+    COASTING_GATE = 10.0  # without an IMU, because only an IMU shows a push
+    # minimum distance of a new level from each known one, in standard deviations
+    NEW_LEVEL = 8.0
+    # m or rad, minimum between two levels: less than a mullion, more than a joint
+    NEAREST = 3e-3
+    # standard deviations of the noise, within which measurements agree
+    AGREEMENT_TOLERANCE = 6.0
+    AGREEMENT = 0.8  # share of the measurements that make a level
+    LEVEL_SPAN = 0.25  # s, of these measurements
+    FEWEST_AGREEING = 4  # minimum number of these measurements
+    MOST = 12  # levels that are kept
+    LARGEST = 20.0  # m: a larger distance was sent in another unit
+
     def __init__(self, sensor: WallSensor, levels: list[Level]) -> None:
         self.sensor = sensor
         self.levels = levels
@@ -61,7 +59,7 @@ class Channel:
         self.age = math.nan  #: mean age of measurements on arrival [s]
         #: mean normalised innovation squared: 1 if the noise is right
         self.square = 1.0
-        self._tolerance = max(NEAREST, AGREEMENT_TOLERANCE * sensor.noise)
+        self._tolerance = max(self.NEAREST, self.AGREEMENT_TOLERANCE * sensor.noise)
         self.reset()
 
     def reset(self) -> None:
@@ -78,11 +76,11 @@ class Channel:
         sensor = self.sensor
         if not math.isfinite(value):
             raise InputError.not_finite(sensor.name, value)
-        if abs(value) > LARGEST:
+        if abs(value) > self.LARGEST:
             raise InputError(
                 'unit',
                 f'{sensor.name} rejected: {value:.4g} m is beyond the '
-                f'limit {LARGEST:g} m; next: publish it in metres',
+                f'limit {self.LARGEST:g} m; next: publish it in metres',
             )
         stamp -= sensor.delay
         require_recent(
@@ -112,10 +110,10 @@ class Channel:
         stamp = measurement.stamp
         level = min(self.levels, key=lambda one: abs(residual - one.offset))
         rest = residual - level.offset
-        gate = COASTING_GATE if is_coasting else GATE
+        gate = self.COASTING_GATE if is_coasting else self.GATE
         fits = abs(rest) <= gate * deviation
         self._recent.append((stamp, math.nan if fits else residual))
-        while stamp - self._recent[0][0] > LEVEL_SPAN * 1.2:
+        while stamp - self._recent[0][0] > self.LEVEL_SPAN * 1.2:
             self._recent.popleft()
 
         if fits:
@@ -134,7 +132,7 @@ class Channel:
             return ''
         self._recent.clear()
         distance = min(abs(agreed - one.offset) for one in self.levels)
-        if distance <= max(self._tolerance, NEW_LEVEL * deviation):
+        if distance <= max(self._tolerance, self.NEW_LEVEL * deviation):
             measurement.spread = distance
             return f'measurements agree with each other, {1e3 * distance:.1f} mm off the estimate'
         self._add_level(agreed)
@@ -145,20 +143,24 @@ class Channel:
     def _add_level(self, offset: float) -> None:
         """Add a level at an offset [m]; the oldest found one makes room for it."""
         self.levels.append(Level(offset, 1))
-        if len(self.levels) > MOST:
+        if len(self.levels) > self.MOST:
             found = [one for one in self.levels if one.count < math.inf]
             self.levels.remove(found[0])
 
     def _agreed_residual(self) -> float | None:
         """Return the residual shared by nearly all recent measurements; None if they differ."""
         stamps, residuals = np.transpose(self._recent)
-        if len(stamps) < FEWEST_AGREEING or np.ptp(stamps) < 0.8 * LEVEL_SPAN:
+        if len(stamps) < self.FEWEST_AGREEING or np.ptp(stamps) < 0.8 * self.LEVEL_SPAN:
             return None
-        if np.isnan(residuals).mean() > 1.0 - AGREEMENT:
+        if np.isnan(residuals).mean() > 1.0 - self.AGREEMENT:
             return None
         middle = float(np.nanmedian(residuals))
         is_close = np.abs(residuals - middle) <= self._tolerance
-        return middle if is_close.mean() >= AGREEMENT else None
+        return middle if is_close.mean() >= self.AGREEMENT else None
+
+
+# weight of a new measurement in running means: about the last 50 count
+MEAN_WEIGHT = 0.02
 
 
 def _mean(mean: float, value: float) -> float:

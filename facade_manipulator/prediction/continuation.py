@@ -41,18 +41,8 @@ from facade_manipulator.prediction.filters import FEATURES
 from facade_manipulator.prediction.positions import Positions
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
-MEMORY = 60.0  # s, time constant of forgetting
-START_SHARE = 0.7  # time constant at the beginning, as a share of the elapsed time
-# s²: λ is this divided by the learnt time, the same as that time after 2 s
-PRIOR_WEIGHT = 4.0
-MIN_LEARNT = 0.04  # s, keeps λ finite before anything is learnt
-SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
 UNKNOWN_VARIANCE = 1.0  # m² or rad², variance of a forecast whose errors are unknown
-MIN_STEP = 0.1  # 1/s, squared step divided by the noise density: smaller steps earn little trust
-LONGEST_STEP = 0.15  # s between estimates: over a longer time the motion is unknown
 STAMP_ROUNDING = 1e-6  # s, of stamps and of the times computed from them
-# scores: squared error, step times the ideal step, squared step
-SQUARED_ERROR, STEP_TIMES_IDEAL, SQUARED_STEP = range(3)
 
 
 class Sample(NamedTuple):
@@ -105,6 +95,18 @@ class Continuation:
 
     """
 
+    MEMORY = 60.0  # s, time constant of forgetting
+    START_SHARE = 0.7  # time constant at the beginning, as a share of the elapsed time
+    # s²: λ is this divided by the learnt time, the same as that time after 2 s
+    PRIOR_WEIGHT = 4.0
+    MIN_LEARNT = 0.04  # s, keeps λ finite before anything is learnt
+    SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
+    # 1/s, squared step divided by the noise density: smaller steps earn little trust
+    MIN_STEP = 0.1
+    LONGEST_STEP = 0.15  # s between estimates: over a longer time the motion is unknown
+    # scores: squared error, step times the ideal step, squared step
+    SQUARED_ERROR, STEP_TIMES_IDEAL, SQUARED_STEP = range(3)
+
     def __init__(self, axes: int, group: slice) -> None:
         self._group = group
         self._horizons = HORIZONS[group]
@@ -114,7 +116,7 @@ class Continuation:
         self.learnt = np.zeros(axes)
         self._elapsed = 0.0  # s, without forgetting
         self._scores = np.zeros((3, axes, len(self._horizons)))
-        self._scores[SQUARED_ERROR] = UNKNOWN_VARIANCE
+        self._scores[self.SQUARED_ERROR] = UNKNOWN_VARIANCE
 
     @property
     def begin(self) -> float:
@@ -161,11 +163,11 @@ class Continuation:
 
         samples = [self._samples.popleft() for _ in range(count)]
         intervals = np.array([sample.interval for sample in samples])
-        intervals = np.minimum(intervals, LONGEST_STEP)
+        intervals = np.minimum(intervals, self.LONGEST_STEP)
         duration = float(intervals.sum())
         self._elapsed += duration
         # samples with a gap at a horizon get the weight 0
-        weights = intervals * (steps <= LONGEST_STEP).all(axis=1)
+        weights = intervals * (steps <= self.LONGEST_STEP).all(axis=1)
         self._score(samples, weights, reached, spread, noise)
         self._add_moments(samples, weights, reached, duration)
 
@@ -187,11 +189,11 @@ class Continuation:
 
         known = max(weights.sum(), 1e-9)
         mean = np.einsum('c,kach->kah', weights / known, scores)
-        share = known / min(SCORE_TIME, self._elapsed)
+        share = known / min(self.SCORE_TIME, self._elapsed)
         self._scores += share * (mean - self._scores)
         # Estimates better than their variance do not compensate later errors.
-        self._scores[SQUARED_ERROR] = np.maximum(
-            self._scores[SQUARED_ERROR], -noise[:, None]
+        self._scores[self.SQUARED_ERROR] = np.maximum(
+            self._scores[self.SQUARED_ERROR], -noise[:, None]
         )
 
     def _add_moments(
@@ -205,7 +207,7 @@ class Continuation:
         features = np.array([sample.seen for sample in samples]).swapaxes(0, 1)
         level = np.array([sample.level for sample in samples])
         weighted = (features * weights[:, None]).swapaxes(1, 2)
-        kept = math.exp(-duration / min(START_SHARE * self._elapsed, MEMORY))
+        kept = math.exp(-duration / min(self.START_SHARE * self._elapsed, self.MEMORY))
         self._squares = kept * self._squares + weighted @ features
         self._moves = kept * self._moves + weighted @ (reached - level.T[..., None])
         self.learnt = kept * self.learnt + weights.sum()
@@ -231,7 +233,7 @@ class Continuation:
         group = self._group
 
         # the equation of the weights, with the prior's moments times λ a² and λ r
-        prior = PRIOR_WEIGHT / np.maximum(self.learnt, MIN_LEARNT)  # λ [s]
+        prior = self.PRIOR_WEIGHT / np.maximum(self.learnt, self.MIN_LEARNT)  # λ [s]
         a = (prior * strength)[:, None, None]
         r = (prior * density)[:, None, None]
         squares = self._squares + a * sway.features + r * white.features
@@ -239,8 +241,8 @@ class Continuation:
         self.weights = np.linalg.solve(squares, moves)
 
         # trust k minimises the squared errors of continued + k step
-        share = self._scores[STEP_TIMES_IDEAL] / (
-            self._scores[SQUARED_STEP] + MIN_STEP * density[:, None]
+        share = self._scores[self.STEP_TIMES_IDEAL] / (
+            self._scores[self.SQUARED_STEP] + self.MIN_STEP * density[:, None]
         )
         self.trust = np.minimum(np.maximum(share, 0.0), 1.0)
 
@@ -249,5 +251,5 @@ class Continuation:
         continued = white.level_variance + (self.weights * crossed).sum(axis=1)
         gain = (1.0 - self.trust) ** 2 * continued + self.trust**2 * tones[:, None]
         self.variances = np.maximum(
-            self._scores[SQUARED_ERROR], gain * density[:, None]
+            self._scores[self.SQUARED_ERROR], gain * density[:, None]
         )

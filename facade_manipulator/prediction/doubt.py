@@ -20,10 +20,6 @@ from facade_manipulator.prediction.jumps import (
 )
 from facade_manipulator.prediction.spline import LAST_HORIZON, motion, Pieces
 
-STRONGEST_PUSH = (0.5, 0.35, 0.7)  # m/s², m/s², rad/s²: 250 N and 175 N on 500 kg
-# m² or rad², variance of the first predictions: the gondola may already move at 0.04 m/s or rad/s
-START_SPREAD = (0.04 * DECISION_TIME) ** 2
-
 
 class Doubt:
     """
@@ -40,10 +36,15 @@ class Doubt:
 
     """
 
+    STRONGEST_PUSH = (0.5, 0.35, 0.7)  # m/s², m/s², rad/s²: 250 N and 175 N on 500 kg
+    # m² or rad², variance of the first predictions: the gondola may already move at 0.04 m/s or
+    # rad/s
+    START_SPREAD = (0.04 * DECISION_TIME) ** 2
+
     def __init__(self, axes: int) -> None:
-        self._detectors = [JumpDetector(push) for push in STRONGEST_PUSH]
+        self._detectors = [JumpDetector(push) for push in self.STRONGEST_PUSH]
         # m² or rad², variance of the estimates in the tests of jumps
-        self._spread = np.full(axes, START_SPREAD)
+        self._spread = np.full(axes, self.START_SPREAD)
         self._newest: list[Pieces] = []
         self._trusted: list[tuple[float, Pieces]] = []  # stamp and spline of each axis
         self.is_any_doubted = False

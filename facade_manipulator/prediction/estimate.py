@@ -19,21 +19,10 @@ from facade_manipulator.kinematics import compose, difference, invert, Pose, ZER
 from facade_manipulator.kinematics.planar import wrap_angle
 from facade_manipulator.parameters import parameter, settings
 
-OLDEST_ESTIMATE = 0.3  # s: an older estimate is stale
-# s, lead of the estimator's clock: synchronised clocks differ by less
-ESTIMATE_CLOCK_TOLERANCE = 0.01
-FASTEST_GONDOLA = 1.0  # m/s or rad/s: a gondola is slower
-LARGEST_JUMP = (
-    0.03  # m or rad, change between two estimates in addition to FASTEST_GONDOLA
-)
 # Minimum interval between two estimates that the predictor learns from [s]: learning at 100 Hz
 # would be the largest part of the processor time of the compensator. An estimate older than the
 # previous estimate by less than this is in order, because it is skipped.
 MIN_INTERVAL = 0.015
-LARGEST_TILT = 0.05  # rad out of the plane: a smaller tilt is ignored
-ZERO_DERIVATIVE = 1e-9  # m or 1: a smaller derivative of the rail's pose is zero
-# name, unit and largest displacement, which is several times the correction of the head
-DISPLACEMENT_LIMITS = (('x', 'm', 2.0), ('y', 'm', 2.0), ('theta', 'rad', 0.6))
 
 
 @settings
@@ -99,15 +88,23 @@ class Estimate(NamedTuple):
     known: tuple[bool, ...] = ALL_KNOWN
 
 
-NO_ESTIMATE = Estimate(-math.inf, ZERO_POSE, ())  # after it any change is possible
-
-
 class EstimateGate:
     """Gate that rejects impossible estimates and converts the others to poses of the rail."""
 
+    OLDEST_ESTIMATE = 0.3  # s: an older estimate is stale
+    # s, lead of the estimator's clock: synchronised clocks differ by less
+    ESTIMATE_CLOCK_TOLERANCE = 0.01
+    FASTEST_GONDOLA = 1.0  # m/s or rad/s: a gondola is slower
+    # m or rad, change between two estimates in addition to FASTEST_GONDOLA
+    LARGEST_JUMP = 0.03
+    LARGEST_TILT = 0.05  # rad out of the plane: a smaller tilt is ignored
+    # name, unit and largest displacement, which is several times the correction of the head
+    DISPLACEMENT_LIMITS = (('x', 'm', 2.0), ('y', 'm', 2.0), ('theta', 'rad', 0.6))
+    NO_ESTIMATE = Estimate(-math.inf, ZERO_POSE, ())  # after it any change is possible
+
     def __init__(self, settings: EstimateSettings) -> None:
         self.settings = settings
-        self._last = NO_ESTIMATE  # as published
+        self._last = self.NO_ESTIMATE  # as published
         self._known = ZERO_POSE  # last known pose of the rail along each axis
         position = settings.position_noise
         self._noise = (position, position, settings.yaw_noise)
@@ -157,14 +154,14 @@ class EstimateGate:
 
         """
         stamp -= self.settings.delay
-        for (name, _, _), value in zip(DISPLACEMENT_LIMITS, pose, strict=True):
+        for (name, _, _), value in zip(self.DISPLACEMENT_LIMITS, pose, strict=True):
             if not math.isfinite(value):
                 raise InputError.not_finite(f'disturbance {name}', value)
-        if tilt > LARGEST_TILT:
+        if tilt > self.LARGEST_TILT:
             raise InputError(
                 'out_of_plane',
                 f'disturbance is tilted by {tilt:.4g} rad out of the plane, above the '
-                f'limit {LARGEST_TILT:g} rad; next: check the estimator',
+                f'limit {self.LARGEST_TILT:g} rad; next: check the estimator',
             )
 
         largest = self.settings.largest_deviation
@@ -175,11 +172,14 @@ class EstimateGate:
             known = tuple([self._is_known(row, measured) for row in self._squares])
         self._check_range(place, known)
         require_recent(
-            'disturbance', now - stamp, OLDEST_ESTIMATE, ESTIMATE_CLOCK_TOLERANCE
+            'disturbance',
+            now - stamp,
+            self.OLDEST_ESTIMATE,
+            self.ESTIMATE_CLOCK_TOLERANCE,
         )
-        if self._last.stamp - now > ESTIMATE_CLOCK_TOLERANCE:
+        if self._last.stamp - now > self.ESTIMATE_CLOCK_TOLERANCE:
             # the clock was set back: its stamps are meaningless
-            self._last = NO_ESTIMATE
+            self._last = self.NO_ESTIMATE
         self._check_step(stamp, pose, measured)
 
         published = self._published(variances, measured)
@@ -217,7 +217,7 @@ class EstimateGate:
     def _check_range(place: Pose, known: Sequence[bool]) -> None:
         """Reject a pose of the rail with a known axis that no gondola reaches."""
         for (name, unit, largest), value, is_known in zip(
-            DISPLACEMENT_LIMITS, place, known, strict=True
+            EstimateGate.DISPLACEMENT_LIMITS, place, known, strict=True
         ):
             if is_known and not abs(value) <= largest:  # NaN after an overflow
                 raise InputError(
@@ -232,9 +232,9 @@ class EstimateGate:
         elapsed = stamp - last.stamp
         if elapsed <= -MIN_INTERVAL or elapsed == 0.0:
             raise InputError.out_of_order('disturbance', -elapsed)
-        allowed = LARGEST_JUMP + FASTEST_GONDOLA * abs(elapsed)
+        allowed = self.LARGEST_JUMP + self.FASTEST_GONDOLA * abs(elapsed)
         for (name, unit, _), change, was_known, is_known in zip(
-            DISPLACEMENT_LIMITS,
+            self.DISPLACEMENT_LIMITS,
             difference(pose, last.pose),
             last.known,
             known,
@@ -274,6 +274,9 @@ class EstimateGate:
         """Return the displacement of an estimator from its place, along its axes [m, m, rad]."""
         x, y, _ = compose(Pose(0.0, 0.0, -self.settings.axes), self._mounting)
         return Pose(place.x - x, place.y - y, place.theta)
+
+
+ZERO_DERIVATIVE = 1e-9  # m or 1: a smaller derivative of the rail's pose is zero
 
 
 def _square(derivative: float) -> float:

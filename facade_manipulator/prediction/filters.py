@@ -37,7 +37,6 @@ _POLES = np.array(
 # numerators of position, velocity and acceleration, and Butterworth's third order
 _NUMERATORS = np.array(((2.0, 2.0, 1.0), (2.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
 _DENOMINATOR = np.array((1.0, 2.0, 2.0, 1.0))
-_RATES = BANDWIDTHS[:, None] * _POLES
 
 
 def _states_by_modes() -> np.ndarray:
@@ -83,11 +82,6 @@ def response(frequencies: np.ndarray) -> np.ndarray:
     return numerators / np.polyval(_DENOMINATOR, s)[..., None]
 
 
-# from real and imaginary parts of the modes to features and level
-_UNITS = np.eye(2 * _RATES.size).view(complex).reshape(-1, *_RATES.shape)
-_OUTPUT = np.column_stack(features((_UNITS @ _states_by_modes()).real))
-
-
 class FilterBank:
     """
     Filters of several axes, initially at rest at 0.
@@ -107,8 +101,13 @@ class FilterBank:
 
     """
 
+    _RATES = BANDWIDTHS[:, None] * _POLES
+    # from real and imaginary parts of the modes to features and level
+    _UNITS = np.eye(2 * _RATES.size).view(complex).reshape(-1, *_RATES.shape)
+    _OUTPUT = np.column_stack(features((_UNITS @ _states_by_modes()).real))
+
     def __init__(self, axes: int) -> None:
-        self.modes = np.zeros((axes, *_RATES.shape), complex)
+        self.modes = np.zeros((axes, *self._RATES.shape), complex)
         self.doubted = np.zeros_like(self.modes)
 
     def update(
@@ -126,7 +125,7 @@ class FilterBank:
             Errors of doubted estimates in the values; omitted if no axis is in doubt [m or rad].
 
         """
-        decay = np.exp(interval * _RATES)
+        decay = np.exp(interval * self._RATES)
         self.modes = _held(self.modes, decay, values)
         if doubted is not None:
             self.doubted = _held(self.doubted, decay, doubted)
@@ -150,7 +149,7 @@ class FilterBank:
 
         """
         modes = self.modes if without is None else self.modes - without
-        seen = modes.view(float).reshape(len(modes), -1) @ _OUTPUT
+        seen = modes.view(float).reshape(len(modes), -1) @ self._OUTPUT
         return seen[:, :-1], seen[:, -1]
 
 

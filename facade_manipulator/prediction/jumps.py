@@ -37,14 +37,8 @@ import math
 import numpy as np
 
 DOUBT = 2.0  # standard deviations: estimates with a larger error are doubted
-JUMP = 9.0  # squared errors explained by a jump, above which the end of the jump is awaited
-ODDS = 6.5  # twice the logarithm of the likelihood ratio above which estimates count as wrong
-STEP_ODDS = 20.0  # the same above which an error that lasts is a step: a wind that begins gives 15
 # s of doubt, after which the detector decides between motion and step
 DECISION_TIME = 0.25
-MOVING_TIME = 2.0  # s after such a motion in which a push may have any strength
-# t₀ of a push, as multiples of its minimum
-PUSH_TIMES = np.array(((1.0,), (2.0,), (4.0,)))
 
 
 class JumpDecision(enum.Enum):
@@ -72,6 +66,14 @@ class JumpDetector:
         Whether the estimates are doubted, and whether they count as wrong at present.
 
     """
+
+    JUMP = 9.0  # squared errors explained by a jump, above which the end of the jump is awaited
+    ODDS = 6.5  # twice the logarithm of the likelihood ratio above which estimates count as wrong
+    # the same above which an error that lasts is a step: a wind that begins gives 15
+    STEP_ODDS = 20.0
+    MOVING_TIME = 2.0  # s after such a motion in which a push may have any strength
+    # t₀ of a push, as multiples of its minimum
+    PUSH_TIMES = np.array(((1.0,), (2.0,), (4.0,)))
 
     def __init__(self, acceleration: float) -> None:
         self._acceleration = acceleration
@@ -110,7 +112,7 @@ class JumpDetector:
             self._since = stamp
         jump, odds = self._odds()
         is_late = stamp - self._since >= DECISION_TIME
-        is_small = jump < JUMP or abs(error) < 0.5 * DOUBT * deviation
+        is_small = jump < self.JUMP or abs(error) < 0.5 * DOUBT * deviation
         decision = self._decision(is_far, is_late, is_small, is_followed, odds)
 
         if is_late and decision is not JumpDecision.STEP:
@@ -135,7 +137,7 @@ class JumpDetector:
             return JumpDecision.WRONG
         if is_small and not (is_late or is_far):
             return JumpDecision.NOISE
-        if is_late and self.is_wrong and odds > STEP_ODDS:
+        if is_late and self.is_wrong and odds > self.STEP_ODDS:
             return JumpDecision.STEP
         if is_late and is_followed and not self.is_wrong:
             return JumpDecision.MOTION
@@ -145,7 +147,7 @@ class JumpDetector:
         """Return the odds above which estimates in doubt count as wrong."""
         if self.is_wrong:
             return 0.0
-        return ODDS if is_far else math.inf
+        return self.ODDS if is_far else math.inf
 
     def _odds(self) -> tuple[float, float]:
         """
@@ -162,14 +164,14 @@ class JumpDetector:
         # A push gives an error of 2 σ (1 + t/t₀)² with t₀ = sqrt(4 σ/A). Here q is this error
         # [m or rad], and the weights divide by σ².
         t0 = math.sqrt(4.0 * deviations[begin] / self._acceleration)
-        risen = np.maximum(1.0 + (stamps - since) / (t0 * PUSH_TIMES), 0.0)
+        risen = np.maximum(1.0 + (stamps - since) / (t0 * self.PUSH_TIMES), 0.0)
         q = 2.0 * deviations[begin] * risen**2
 
         # b (2 Σ z q − b (Σ q² + 1)), greatest for b = Σ z q/(Σ q² + 1)
         along = q @ (weights * errors)
         squares = q**2 @ weights + 1.0
         share = along / squares
-        if since + DECISION_TIME > stamps[-1] > self._moved + MOVING_TIME:
+        if since + DECISION_TIME > stamps[-1] > self._moved + self.MOVING_TIME:
             share = np.minimum(np.maximum(share, -1.0), 1.0)
         push = share * (2.0 * along - share * squares)
 

@@ -29,23 +29,6 @@ from facade_manipulator.prediction.positions import Positions
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
 from facade_manipulator.prediction.tones import Tones
 
-NEAR_HORIZONS = slice(0, 4)  # groups of horizons
-FAR_HORIZONS = slice(4, None)
-LEARNING_PERIOD = 0.14  # s
-PEAK_TIME = 20.0  # s, with which the largest estimated acceleration is forgotten
-PEAK_SHARE = (
-    0.1  # variance of the acceleration in the prior divided by the squared peak
-)
-# squared acceleration divided by the variance of its noise: less is not a motion
-NOISE_PEAK = 9.0
-GROWTH = 2.0  # of the squared acceleration, above which earlier learning weighs less
-# from the level filter's feature a/ω² to the squared acceleration
-_SQUARED = BANDWIDTHS[LEVEL_FILTER] ** 4
-# variance of the level filter's acceleration / noise density
-ACCELERATION_NOISE = (
-    _SQUARED * noise_moments().features[ACCELERATION_FEATURE, ACCELERATION_FEATURE]
-)
-
 
 class Learning:
     """
@@ -73,18 +56,37 @@ class Learning:
 
     """
 
+    NEAR_HORIZONS = slice(0, 4)  # groups of horizons
+    FAR_HORIZONS = slice(4, None)
+    LEARNING_PERIOD = 0.14  # s
+    PEAK_TIME = 20.0  # s, with which the largest estimated acceleration is forgotten
+    # variance of the acceleration in the prior divided by the squared peak
+    PEAK_SHARE = 0.1
+    # squared acceleration divided by the variance of its noise: less is not a motion
+    NOISE_PEAK = 9.0
+    # of the squared acceleration, above which earlier learning weighs less
+    GROWTH = 2.0
+    # from the level filter's feature a/ω² to the squared acceleration
+    _SQUARED = BANDWIDTHS[LEVEL_FILTER] ** 4
+    # variance of the level filter's acceleration / noise density
+    ACCELERATION_NOISE = (
+        _SQUARED * noise_moments().features[ACCELERATION_FEATURE, ACCELERATION_FEATURE]
+    )
+
     def __init__(self, stamp: float, noise: np.ndarray, mean_interval: float) -> None:
         axes = len(noise)
-        near = Continuation(axes, NEAR_HORIZONS)
-        far = Continuation(axes, FAR_HORIZONS)
+        near = Continuation(axes, self.NEAR_HORIZONS)
+        far = Continuation(axes, self.FAR_HORIZONS)
         self._groups = (near, far)
         self._turns = zip(
             cycle((near, near, near, far)), cycle(range(axes)), strict=False
         )
         self.tones = Tones(axes)
-        self._next = stamp + LEARNING_PERIOD  # s, when learning is due
+        self._next = stamp + self.LEARNING_PERIOD  # s, when learning is due
         self._peak = np.zeros(axes)  # of the squared acceleration
-        self._known = noise * (mean_interval * ACCELERATION_NOISE)  # peak learnt so far
+        self._known = noise * (
+            mean_interval * self.ACCELERATION_NOISE
+        )  # peak learnt so far
         self._solve(self._groups, noise, mean_interval)
 
     def variance(self, axis: int, ahead: float) -> float:
@@ -110,14 +112,14 @@ class Learning:
         positions: Positions,
     ) -> None:
         """Update the strength of the motion from the features, and learn if it is due."""
-        floor = noise * (mean_interval * ACCELERATION_NOISE)
-        forgotten = math.exp(-interval / PEAK_TIME) * self._peak
-        squared = _SQUARED * seen[:, ACCELERATION_FEATURE] ** 2
-        self._peak = np.maximum(forgotten, squared - NOISE_PEAK * floor)
+        floor = noise * (mean_interval * self.ACCELERATION_NOISE)
+        forgotten = math.exp(-interval / self.PEAK_TIME) * self._peak
+        squared = self._SQUARED * seen[:, ACCELERATION_FEATURE] ** 2
+        self._peak = np.maximum(forgotten, squared - self.NOISE_PEAK * floor)
         if stamp <= self._next - STAMP_ROUNDING:
             return
 
-        self._next = stamp + LEARNING_PERIOD
+        self._next = stamp + self.LEARNING_PERIOD
         self._weaken(floor + self._peak)
         group, axis = next(self._turns)
         self.tones.fit(axis, noise[axis])
@@ -127,17 +129,17 @@ class Learning:
 
     def _weaken(self, strongest: np.ndarray) -> None:
         """Weaken earlier learning if the strongest squared acceleration has grown."""
-        share = np.minimum(GROWTH * self._known / strongest, 1.0)
+        share = np.minimum(self.GROWTH * self._known / strongest, 1.0)
         for group in self._groups:
             group.weaken(share)
-        self._known = np.maximum(self._known, strongest / GROWTH)
+        self._known = np.maximum(self._known, strongest / self.GROWTH)
         self._known = np.minimum(self._known, strongest)
 
     def _solve(
         self, groups: Iterable[Continuation], noise: np.ndarray, mean_interval: float
     ) -> None:
         """Solve groups of horizons and join the results of all groups."""
-        strength = PEAK_SHARE * self._peak
+        strength = self.PEAK_SHARE * self._peak
         density = noise * mean_interval
         for group in groups:
             group.solve(strength, density, self.tones.noise_gain)

@@ -48,13 +48,6 @@ from facade_manipulator.prediction.prior import HORIZONS
 from facade_manipulator.prediction.reduction import Reduction
 from facade_manipulator.prediction.spline import LAST_HORIZON, motion, Pieces, splines
 
-MOVES = 2.0 * HORIZONS  # m or rad, bound of the moves: a speed of 2 m/s or rad/s
-LONGEST_GAP_OF_ESTIMATES = 1.1  # s without estimates, after which learning starts again
-FIRST_INTERVAL = 0.02  # s, assumed mean interval until there are two estimates
-LARGEST_STEP = 3.0  # standard deviations, towards trusted tones; 1 towards others
-INNOVATION_TIME = 2.0  # s, averaging time of the squared innovations
-HOLD_TIME = 0.2  # s, time constant of the velocity beyond the last horizon
-
 
 class DisturbancePredictor:
     """
@@ -72,10 +65,18 @@ class DisturbancePredictor:
 
     """
 
+    MOVES = 2.0 * HORIZONS  # m or rad, bound of the moves: a speed of 2 m/s or rad/s
+    # s without estimates, after which learning starts again
+    LONGEST_GAP_OF_ESTIMATES = 1.1
+    FIRST_INTERVAL = 0.02  # s, assumed mean interval until there are two estimates
+    LARGEST_STEP = 3.0  # standard deviations, towards trusted tones; 1 towards others
+    INNOVATION_TIME = 2.0  # s, averaging time of the squared innovations
+    HOLD_TIME = 0.2  # s, time constant of the velocity beyond the last horizon
+
     def __init__(self) -> None:
         self.stamp = -math.inf
         self.since = -math.inf
-        self._interval = FIRST_INTERVAL  # mean between estimates [s]
+        self._interval = self.FIRST_INTERVAL  # mean between estimates [s]
 
     def update(self, stamp: float, values: Pose, variances: Sequence[float]) -> bool:
         """
@@ -96,12 +97,12 @@ class DisturbancePredictor:
         noise = np.array(variances)
         interval = stamp - self.stamp
         has_stepped = False
-        if 0.0 < interval <= LONGEST_GAP_OF_ESTIMATES:
+        if 0.0 < interval <= self.LONGEST_GAP_OF_ESTIMATES:
             share = min(interval / (stamp - self.since), 1.0)
             self._interval += share * (interval - self._interval)
             has_stepped = self._follow(stamp, interval, measured, noise)
         else:
-            interval = FIRST_INTERVAL
+            interval = self.FIRST_INTERVAL
             self._start(stamp, measured, noise)
 
         self.stamp = stamp
@@ -117,8 +118,8 @@ class DisturbancePredictor:
         """
         ahead = time - self.stamp
         t = min(max(ahead, 0.0), LAST_HORIZON)
-        decay = math.exp(min(LAST_HORIZON - ahead, 0.0) / HOLD_TIME)
-        held = HOLD_TIME * (1.0 - decay)
+        decay = math.exp(min(LAST_HORIZON - ahead, 0.0) / self.HOLD_TIME)
+        held = self.HOLD_TIME * (1.0 - decay)
         positions = []
         velocities = []
         for pieces in self._splines:
@@ -140,7 +141,7 @@ class DisturbancePredictor:
         axes = len(measured)
         self.since = stamp
         self.innovations = noise.copy()
-        self._interval = FIRST_INTERVAL
+        self._interval = self.FIRST_INTERVAL
         self._origin = measured
         self._values = np.zeros(
             axes
@@ -201,7 +202,7 @@ class DisturbancePredictor:
         """
         steps = max(round(interval / self._interval), 1)
         if steps == 1:  # not over a gap
-            weights = interval / INNOVATION_TIME * ~self._doubt.is_wrong
+            weights = interval / self.INNOVATION_TIME * ~self._doubt.is_wrong
             changes = weights * (error**2 - self.innovations)
             self.innovations = self.innovations + changes
 
@@ -228,9 +229,9 @@ class DisturbancePredictor:
         )
 
         # moves of the continuation, then the step from there towards the tones
-        moves = _clipped((seen[:, None] @ learning.weights)[:, 0], MOVES)
+        moves = _clipped((seen[:, None] @ learning.weights)[:, 0], self.MOVES)
         continued = level[:, None] + moves
-        bound = 1.0 + (LARGEST_STEP - 1.0) * learning.trust
+        bound = 1.0 + (self.LARGEST_STEP - 1.0) * learning.trust
         bound = np.sqrt(noise)[:, None] * bound
         tones = learning.tones.at(self.stamp, HORIZONS)
         step = _clipped(tones - continued, bound)

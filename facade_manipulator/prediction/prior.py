@@ -18,9 +18,6 @@ from facade_manipulator.prediction.filters import features, response
 
 # s, after the newest estimate
 HORIZONS = np.array((0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6))
-SWAY_BAND = (0.05, 0.8)  # Hz: from 100 m of cable to a stiff guide
-SWAY_SLOPE = -4.0  # of the position's spectral density
-NOISE_BAND = (0.0025, 25.0)  # Hz: the passband of the filters
 BAND_POINTS = 1000
 
 
@@ -44,6 +41,10 @@ class Moments(NamedTuple):
     level_variance: float
 
 
+SWAY_BAND = (0.05, 0.8)  # Hz: from 100 m of cable to a stiff guide
+SWAY_SLOPE = -4.0  # of the position's spectral density
+
+
 @lru_cache
 def sway_moments() -> Moments:
     """Return the moments of sways whose acceleration has the variance 1 m²/s⁴."""
@@ -52,6 +53,9 @@ def sway_moments() -> Moments:
     power /= power @ (2.0 * np.pi * frequencies) ** 4
     later = np.exp(2j * np.pi * np.outer(frequencies, HORIZONS))
     return _moments(response(frequencies), power, later)
+
+
+NOISE_BAND = (0.0025, 25.0)  # Hz: the passband of the filters
 
 
 @lru_cache

@@ -16,11 +16,13 @@ from facade_manipulator.prediction.prior import HORIZONS
 
 LAST_HORIZON = float(HORIZONS[-1])  # s
 _KNOTS = HORIZONS[2:-2].tolist()  # s
-_CUBIC = [-math.inf] * 4  # the terms 1, t, t², t³ apply everywhere
 
 Pieces = list[
     list[float]
 ]  #: coefficients of 1, t, t², t³ between the knots, of an axis
+
+
+_CUBIC = [-math.inf] * 4  # the terms 1, t, t², t³ apply everywhere
 
 
 def _matrix() -> np.ndarray:

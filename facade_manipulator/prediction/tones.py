@@ -22,19 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Maximum time from the first to the last of the estimates that are averaged [s]: below
-# π/FASTEST_TONE, and not a multiple of usual intervals, so that rounding does not change their
-# number.
-BLOCK = 0.142
-BLOCKS = 400  # maximum number in the window of the fit
-SHORTEST_WINDOW = 3.0  # s, minimum length of the window
 MOST_TONES = 7  # of an axis: a false tone must leave room for a true tone
-FASTEST_TONE = 12.0  # rad/s
-# minimum power of a tone in the periodogram divided by the power of the noise
-SIGNIFICANT_POWER = 20.0
-MAX_TURN = 1.0  # rad, change of a tone's phase over the window in one step
-MIN_DISTANCE = 1.0  # rad, between the phases of two tones over the window
-PERIODOGRAM_POINTS = 1024  # of the periodogram
 
 
 class Tones:
@@ -53,8 +41,15 @@ class Tones:
 
     """
 
+    # Maximum time from the first to the last of the estimates that are averaged [s]: below
+    # π/FASTEST_TONE, and not a multiple of usual intervals, so that rounding does not change their
+    # number.
+    BLOCK = 0.142
+    BLOCKS = 400  # maximum number in the window of the fit
+    SHORTEST_WINDOW = 3.0  # s, minimum length of the window
+
     def __init__(self, axes: int) -> None:
-        self.noise_gain = np.full(axes, 5.0 / SHORTEST_WINDOW)
+        self.noise_gain = np.full(axes, 5.0 / self.SHORTEST_WINDOW)
         self._first = math.inf  # stamp of the first estimate in the present block [s]
         self._sum = np.zeros(axes + 2)  # of stamps, values and ones in this block
         # mean stamp, mean values, number of estimates
@@ -67,10 +62,10 @@ class Tones:
 
     def add(self, stamp: float, values: np.ndarray) -> None:
         """Add a decided position of each axis [m or rad] at a stamp [s]; stamps ascend."""
-        if stamp - self._first > BLOCK:
+        if stamp - self._first > self.BLOCK:
             number = self._sum[-1]
             mean = np.append(self._sum[:-1] / number, number)
-            self._blocks = np.vstack((self._blocks[1 - BLOCKS :], mean))
+            self._blocks = np.vstack((self._blocks[1 - self.BLOCKS :], mean))
             self._first = math.inf
             self._sum = 0.0 * self._sum
         self._first = min(self._first, stamp)
@@ -87,7 +82,7 @@ class Tones:
         """Improve the fit of an axis by one step, for a variance of the estimates [m² or rad²]."""
         stamps, values, sizes = self._blocks[:, (0, 1 + axis, -1)].T
         span = stamps[-1] - stamps[0] if len(stamps) else 0.0
-        if span < SHORTEST_WINDOW or stamps[-1] == self._stamps[axis]:
+        if span < self.SHORTEST_WINDOW or stamps[-1] == self._stamps[axis]:
             return
 
         size = sizes.mean()
@@ -112,6 +107,14 @@ class Tones:
         self._amplitudes[axis] = 0.0
         self._amplitudes[axis, :count] = amplitudes
         self.noise_gain[axis] = 5.0 * (count + 1) / span
+
+
+FASTEST_TONE = 12.0  # rad/s
+# minimum power of a tone in the periodogram divided by the power of the noise
+SIGNIFICANT_POWER = 20.0
+MAX_TURN = 1.0  # rad, change of a tone's phase over the window in one step
+MIN_DISTANCE = 1.0  # rad, between the phases of two tones over the window
+PERIODOGRAM_POINTS = 1024  # of the periodogram
 
 
 class _Window(NamedTuple):

@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 
 from facade_manipulator.compensation.contact import Contact, LateralSettings
-from facade_manipulator.compensation.contact_force import ForceLaw, SPEED, TIME_CONSTANT
+from facade_manipulator.compensation.contact_force import ForceLaw, SPEED
 from facade_manipulator.compensation.contact_phases import (
     ContactSettings,
-    LEAST_STIFFNESS,
     Pressing,
     PressMode,
     Surroundings,
-    YAW_SPEED,
 )
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose, Wrench
@@ -179,7 +177,7 @@ def press_with_prediction_errors(
         stiffness,
         duration,
         sensor=late,
-        stiffness=max(stiffness / ratio, LEAST_STIFFNESS),
+        stiffness=max(stiffness / ratio, ContactSettings.LEAST_STIFFNESS),
         wall=lambda time: WALL + error(time),
         around=lambda time: Surroundings(rail_y=error(time + HORIZON * PERIOD)),
     )
@@ -399,7 +397,7 @@ def test_yaw_yields_to_a_moment_beyond_the_dead_band(enabled, tilt, turned):
         600.0, 30.0, yaw_enabled=enabled, moment=lambda yaw: 13.5 * (yaw - tilt)
     ).yaws
     assert yaws[-1] == pytest.approx(turned, abs=2e-3)
-    assert abs(np.diff(yaws)).max() <= YAW_SPEED * PERIOD + 1e-12
+    assert abs(np.diff(yaws)).max() <= Pressing.YAW_SPEED * PERIOD + 1e-12
 
 
 def hold(ratio, wall, duration=30.0):
@@ -423,7 +421,9 @@ def test_force_law_passes_wall_motion_as_loop_gain_predicts(frequency):
     delay = PERIOD * (HORIZON + LATENCY)
     s = 2j * math.pi * frequency
     late = cmath.exp(-s * delay)
-    expected = abs(1.0 / (1.0 + late / (s * TIME_CONSTANT * delay + 1.0 - late)))
+    expected = abs(
+        1.0 / (1.0 + late / (s * ForceLaw.TIME_CONSTANT * delay + 1.0 - late))
+    )
     force = hold(1.0, lambda time: 1e-3 * math.sin(math.tau * frequency * time))
     assert force[1000:].std() * math.sqrt(2.0) / 2.0 == pytest.approx(
         expected, rel=0.15

@@ -37,7 +37,7 @@ def run(duration, head, path=course):
         (0.0, 0.0),
         (0.004, 0.004),
         (0.03, 0.03),
-        (0.1, module.GREATEST_LAG),
+        (0.1, module.Following.GREATEST_LAG),
     ],
 )
 def test_lag_of_the_head_is_measured_within_a_bound(lag, measured):

@@ -10,12 +10,7 @@ import pytest
 from facade_manipulator.compensation.compensation_diagnostics import contact_components
 from facade_manipulator.compensation.contact_phases import ContactSettings, PressMode
 from facade_manipulator.compensation.correction import CorrectionSettings
-from facade_manipulator.compensation.goal import (
-    ArrivalSettings,
-    Goal,
-    GOAL_PERIOD,
-    GoalTracker,
-)
+from facade_manipulator.compensation.goal import ArrivalSettings, Goal, GoalTracker
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 
 STEP = 0.02
@@ -151,7 +146,7 @@ def test_reached_goal_is_reported_in_each_of_its_states(machine):
         all(a > b for a, b in zip(to_go, to_go[1:], strict=False)) and to_go[-1] == 0.0
     )
     assert to_go[0] == pytest.approx(
-        GOAL_PERIOD * (len(sent) - 1), abs=2.0 * GOAL_PERIOD
+        GoalTracker.GOAL_PERIOD * (len(sent) - 1), abs=2.0 * GoalTracker.GOAL_PERIOD
     )
     assert machine.run(1.0) == []
 
@@ -260,7 +255,7 @@ def test_held_back_head_is_reported_with_the_axis(machine):
     now = machine.head.now - 50.0  # the clock is set back
     machine.goals.update(now)
     before = len(machine.sent)
-    machine.goals.update(now + GOAL_PERIOD)
+    machine.goals.update(now + GoalTracker.GOAL_PERIOD)
     assert len(machine.sent) == before + 1
 
 

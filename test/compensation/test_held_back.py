@@ -7,8 +7,8 @@ from facade_manipulator.kinematics import Pose, ZERO_POSE
 
 def test_held_axes_are_reported_for_one_second():
     held = HeldBack()
-    least = module.LEAST_ERROR
-    second = module.SHOWN_FOR
+    least = module.HeldBack.LEAST_ERROR
+    second = module.HeldBack.SHOWN_FOR
     assert held.message(0.0) == ''
     held.note(10.0, Pose(-2.0 * least, 0.9 * least, 0.01), Pose(0.0, 1.0, 0.0))
     assert held.message(10.0 + 0.9 * second) == (

@@ -15,7 +15,6 @@ from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.compensation.pose_compensator import (
     CompensationSettings,
     Compensator,
-    DEFAULTS,
 )
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
@@ -90,11 +89,11 @@ def test_axis_is_held_at_its_workspace_limit_and_returns():
 
 
 def test_every_part_with_a_live_parameter_can_change():
-    for part, settings_of_part in DEFAULTS._asdict().items():
+    for part, settings_of_part in Compensator.DEFAULTS._asdict().items():
         if any(info.live for info in parameter_fields(type(settings_of_part)).values()):
             Compensator(Geometry()).change(part, settings_of_part)
     with pytest.raises(ValueError, match='reference has no live parameters'):
-        Compensator(Geometry()).change('reference', DEFAULTS.reference)
+        Compensator(Geometry()).change('reference', Compensator.DEFAULTS.reference)
 
 
 @pytest.mark.parametrize('follows', [True, False])

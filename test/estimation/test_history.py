@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator.estimation.estimator_settings import ImuSettings
-from facade_manipulator.estimation.history import History, HISTORY_SPAN, Measurement
+from facade_manipulator.estimation.history import History, Measurement
 from facade_manipulator.estimation.rail_pose_model import AX, Process, update, VX, X
 
 STEP = 0.005
@@ -101,5 +101,9 @@ def test_inputs_between_two_queries_share_one_step():
 
 def test_history_keeps_its_configured_span():
     history = Played([(900, 4.49)], steps=1000).history
-    assert 5.0 - HISTORY_SPAN - STEP <= history.oldest <= 5.0 - HISTORY_SPAN
+    assert (
+        5.0 - History.HISTORY_SPAN - STEP
+        <= history.oldest
+        <= 5.0 - History.HISTORY_SPAN
+    )
     assert not history._measurements

@@ -8,12 +8,7 @@ import pytest
 from facade_manipulator.estimation.history import Measurement
 from facade_manipulator.estimation.rail_pose_model import DistanceSensor, Y
 from facade_manipulator.estimation.start import FirstMeasurements, start_at_wall
-from facade_manipulator.estimation.wall_depth_levels import (
-    Channel,
-    Level,
-    MOST,
-    OUTLIER,
-)
+from facade_manipulator.estimation.wall_depth_levels import Channel, Level, OUTLIER
 
 PERIOD = 0.01
 SIGMA = 3e-4
@@ -71,12 +66,14 @@ def test_configured_level_is_used_at_once_and_kept():
     assert decide(seen, [-0.03])[0][0].level == -0.03 and seen.counts == {
         'other level': 1
     }
-    for k in range(1, MOST):
+    for k in range(1, Channel.MOST):
         decide(seen, [0.1 * k] * 40, begin=k)
     offsets = [
         level.offset for level in seen.levels
     ]  # the oldest found level was replaced
-    assert offsets == pytest.approx([0.0, -0.03, *(0.1 * k for k in range(2, MOST))])
+    assert offsets == pytest.approx(
+        [0.0, -0.03, *(0.1 * k for k in range(2, Channel.MOST))]
+    )
 
 
 def distances(wall, y, yaw, offsets=(0.0, 0.0)):

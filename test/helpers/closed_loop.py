@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from sensor_record import feed, PERIOD, SETUP, START
 
-from facade_manipulator.compensation.held_back import LEAST_ERROR
+from facade_manipulator.compensation.held_back import HeldBack
 from facade_manipulator.compensation.pose_compensator import (
     Compensator,
     CompensatorSettings,
@@ -135,7 +135,8 @@ class ClosedLoop:
                 )
             )
             is_limited = any(
-                abs(error) > LEAST_ERROR for error in corrected.saturation_error
+                abs(error) > HeldBack.LEAST_ERROR
+                for error in corrected.saturation_error
             )
             self._attempt(
                 lambda: self.follower.add(

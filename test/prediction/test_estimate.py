@@ -15,7 +15,6 @@ from facade_manipulator.prediction.estimate import (
     ALL_KNOWN,
     EstimateGate,
     EstimateSettings,
-    LARGEST_TILT,
 )
 
 NOW = 1000.0
@@ -34,7 +33,9 @@ def gate(**settings):
 @pytest.mark.parametrize('age', [0.299, 0.0, -0.009])
 @given(st.builds(Pose, *[st.floats(-0.5, 0.5)] * 3))
 def test_possible_estimate_passes_unchanged(age, pose):
-    estimate = gate().check(NOW, NOW - age, pose, (1e-6, 4e-6, 9e-6), LARGEST_TILT)
+    estimate = gate().check(
+        NOW, NOW - age, pose, (1e-6, 4e-6, 9e-6), EstimateGate.LARGEST_TILT
+    )
     assert estimate == (NOW - age, pose, (1e-6, 4e-6, 9e-6), ALL_KNOWN)
 
 

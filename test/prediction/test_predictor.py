@@ -14,13 +14,9 @@ from facade_manipulator.covariance import MIN_DEVIATION
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.prediction import doubt, reduction
 from facade_manipulator.prediction import predictor as predictor_module
-from facade_manipulator.prediction.estimate import (
-    FASTEST_GONDOLA,
-    LARGEST_JUMP,
-    MIN_INTERVAL,
-)
+from facade_manipulator.prediction.estimate import EstimateGate, MIN_INTERVAL
 from facade_manipulator.prediction.predictor import DisturbancePredictor
-from facade_manipulator.prediction.reduction import MAX_ACCELERATION
+from facade_manipulator.prediction.reduction import Reduction
 
 pytestmark = pytest.mark.long
 
@@ -168,7 +164,7 @@ def test_unpredictable_shaking_is_not_amplified():
 
 def test_acceleration_beyond_the_maximum_is_compensated_in_part():
     learnt = Run(sines(((0.02, 2.0, 0.0),), (), ()), 25.0)
-    share = MAX_ACCELERATION[0] / (0.02 * (math.tau * 2.0) ** 2)
+    share = Reduction.MAX_ACCELERATION[0] / (0.02 * (math.tau * 2.0) ** 2)
     assert learnt.rms(12.0)[0] == pytest.approx(
         (1.0 - share) * 0.02 / math.sqrt(2.0), rel=0.15
     )
@@ -194,7 +190,9 @@ def test_bounded_estimates_give_a_bounded_prediction(changes, deviation):
     values = np.zeros(3)
     for interval, share in changes:
         stamp += interval
-        largest = LARGEST_JUMP + FASTEST_GONDOLA * abs(interval)
+        largest = EstimateGate.LARGEST_JUMP + EstimateGate.FASTEST_GONDOLA * abs(
+            interval
+        )
         values = np.clip(values + np.multiply(share, largest), -0.5, 0.5)
         predictor.update(stamp, Pose(*values), Pose(*(3 * [deviation**2])))
         for ahead in (-0.5, 0.0, 0.05, 0.12, 0.37, 0.6, 1.0, 100.0):
@@ -225,9 +223,9 @@ def predictions(motion, start=1000.0, scale=1.0, offset=0.0):
     predictor = DisturbancePredictor()
     found = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reduction, 'MAX_ACCELERATION', np.full(3, 50.0))
-        patch.setattr(doubt, 'STRONGEST_PUSH', np.full(3, 50.0))
-        patch.setattr(predictor_module, 'MOVES', np.full(7, 50.0))
+        patch.setattr(reduction.Reduction, 'MAX_ACCELERATION', np.full(3, 50.0))
+        patch.setattr(doubt.Doubt, 'STRONGEST_PUSH', np.full(3, 50.0))
+        patch.setattr(predictor_module.DisturbancePredictor, 'MOVES', np.full(7, 50.0))
         for k in range(500):
             values = (
                 scale * (motion(k / 50.0) + NOISE * random.standard_normal(3)) + offset

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from facade_manipulator.prediction.tones import BLOCKS, MOST_TONES, Tones
+from facade_manipulator.prediction.tones import MOST_TONES, Tones
 
 pytestmark = pytest.mark.long
 
@@ -72,7 +72,7 @@ def test_tones_are_found_despite_jitter_and_gaps(gap):
     ('motion', 'seconds'),
     [
         (lambda time: 0.3, 30.0),
-        (lambda time: TWO(time) if time < 20.0 else 0.3, 28.0 + 0.2 * BLOCKS),
+        (lambda time: TWO(time) if time < 20.0 else 0.3, 28.0 + 0.2 * Tones.BLOCKS),
     ],
     ids=['none', 'ended'],
 )
