@@ -122,7 +122,9 @@ def ros(ros_domain, monkeypatch):
     """Run nodes in this process, in a separate ROS domain, with diagnostics at 10 Hz."""
     import rclpy
 
-    monkeypatch.setattr('facade_manipulator.nodes.diagnostics.DIAGNOSTICS_PERIOD', 0.1)
+    monkeypatch.setattr(
+        'facade_manipulator.nodes.diagnostics.Diagnostics.DIAGNOSTICS_PERIOD', 0.1
+    )
     rclpy.init(domain_id=ros_domain)
     try:  # the next test begins without a context after any failure
         session = RosSession()

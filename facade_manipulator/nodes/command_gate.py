@@ -18,8 +18,6 @@ from facade_manipulator.nodes.driver_status import (
 )
 from facade_manipulator.nodes.node_subscriptions import PublisherWatch
 
-# s, for the first driver/status after the start, and for the status after a command
-STATUS_TIMEOUT = STATUS_PERIOD
 GATE_PERIOD = 0.05  # s, between two updates of a gate
 
 
@@ -67,6 +65,9 @@ class CommandGate(Generic[C]):
         Command that waits for the status of the driver.
 
     """
+
+    # s, for the first driver/status after the start, and for the status after a command
+    STATUS_TIMEOUT = STATUS_PERIOD
 
     def __init__(
         self,
@@ -124,13 +125,13 @@ class CommandGate(Generic[C]):
         """Apply the time-outs of the driver's status and of the held command."""
         if self._deadline == math.inf:
             # not in the constructor: a busy process may begin its callbacks late
-            self._deadline = now + STATUS_TIMEOUT
+            self._deadline = now + self.STATUS_TIMEOUT
         elif now > self._deadline and self.status is None:
             self._open(-math.inf)
         elif now > self._deadline and self.status is not SILENT:
             self._become_silent()
         held = self.held
-        if held is not None and now > held.received + STATUS_TIMEOUT:
+        if held is not None and now > held.received + self.STATUS_TIMEOUT:
             self._reject_held(held)
 
     def refusal(self, next_step: str) -> InputError:

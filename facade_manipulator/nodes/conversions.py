@@ -31,9 +31,6 @@ from facade_manipulator.kinematics import (
 from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 from facade_manipulator.nodes.planar_messages import Frames, seconds
 
-JOINTS_PERIOD = (
-    0.05  # s: robot_state_publisher publishes transforms at 20 Hz by default
-)
 _CLOCKS = Clocks()
 _STEADY_TIME = SteadyTime(_CLOCKS)
 
@@ -144,6 +141,9 @@ class FacadeTransform:
 class Description:
     """Publisher of the URDF of the mechanism, and of its joints as they move."""
 
+    # s: robot_state_publisher publishes transforms at 20 Hz by default
+    JOINTS_PERIOD = 0.05
+
     def __init__(self, node: Node, geometry: Geometry) -> None:
         self._mechanism = Mechanism(geometry)
         self._names = [joint.name for joint in tree(geometry) if joint.name]
@@ -155,7 +155,7 @@ class Description:
 
     def publish(self, time: float, head: Pose) -> None:
         """Publish the joints at a time [s], every `JOINTS_PERIOD` while a node subscribes."""
-        is_early = abs(time - self._published) < JOINTS_PERIOD
+        is_early = abs(time - self._published) < self.JOINTS_PERIOD
         if is_early or not self._states.get_subscription_count():
             return
         self._published = time

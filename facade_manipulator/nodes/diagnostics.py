@@ -18,9 +18,7 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.nodes.conversions import steady_timer
 from facade_manipulator.nodes.planar_messages import LEVEL_NAMES
 
-DIAGNOSTICS_PERIOD = 1.0  # s, between two messages on /diagnostics
 LOG_PERIOD = 10.0  # s, between two log lines of rejections for the same reason
-HOST = platform.node()  # hardware id of a component that is not a drive
 
 
 def key_values(values: Mapping[str, Any]) -> list[KeyValue]:
@@ -31,6 +29,9 @@ def key_values(values: Mapping[str, Any]) -> list[KeyValue]:
         )
         for key, value in values.items()
     ]
+
+
+HOST = platform.node()  # hardware id of a component that is not a drive
 
 
 def diagnostic_status(
@@ -63,6 +64,8 @@ class Diagnostics:
 
     """
 
+    DIAGNOSTICS_PERIOD = 1.0  # s, between two messages on /diagnostics
+
     def __init__(
         self, node: Node, components: Callable[[], list[DiagnosticStatus]]
     ) -> None:
@@ -74,7 +77,7 @@ class Diagnostics:
         self._outcome: Any = None
         self.last_rejection = ''
         self._publisher = node.create_publisher(*topics.DIAGNOSTICS)
-        steady_timer(node, DIAGNOSTICS_PERIOD, self.publish)
+        steady_timer(node, self.DIAGNOSTICS_PERIOD, self.publish)
 
     @contextmanager
     def counted(self) -> Iterator[None]:

@@ -45,16 +45,12 @@ from facade_manipulator.nodes.planar_messages import (
 from facade_manipulator.nodes.run import run
 from facade_manipulator.rejections import Rejections
 
-ESTIMATE_PERIOD = 0.01  # s, between two estimates
-SENSOR_SILENCE = (
-    1.0  # s without a measurement of a sensor, after which it counts as silent
-)
-OUTLIER_BOUND = 0.5  # share of outliers since the previous look
-PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw in a covariance of six
-
 
 class DisturbanceEstimatorNode(BaseNode):
     """Estimator node, which publishes the pose and the velocity of the rail at a fixed rate."""
+
+    ESTIMATE_PERIOD = 0.01  # s, between two estimates
+    PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw in a covariance of six
 
     wants_priority = True
 
@@ -90,7 +86,7 @@ class DisturbanceEstimatorNode(BaseNode):
                     partial(self._reject, name),
                     frame_id,
                 )
-        steady_timer(self, ESTIMATE_PERIOD, self._publish)
+        steady_timer(self, self.ESTIMATE_PERIOD, self._publish)
 
     def _receive_imu(self, message: Imu) -> None:
         """Add rates and accelerations, unless a covariance marks one as not measured."""
@@ -157,10 +153,10 @@ class DisturbanceEstimatorNode(BaseNode):
         message = self._message
         message.header.stamp = stamp(system_time(motion.stamp))
         fill_pose(message.pose.pose, motion.pose)
-        message.pose.covariance.reshape(6, 6)[PLANAR] = motion.covariance
+        message.pose.covariance.reshape(6, 6)[self.PLANAR] = motion.covariance
         linear, angular = message.twist.twist.linear, message.twist.twist.angular
         linear.x, linear.y, angular.z = motion.twist
-        message.twist.covariance.reshape(6, 6)[PLANAR] = motion.twist_covariance
+        message.twist.covariance.reshape(6, 6)[self.PLANAR] = motion.twist_covariance
         return message
 
     def _components(self) -> list[DiagnosticStatus]:
@@ -239,6 +235,11 @@ class DisturbanceEstimatorNode(BaseNode):
                 },
             },
         )
+
+
+# s without a measurement of a sensor, after which it counts as silent
+SENSOR_SILENCE = 1.0
+OUTLIER_BOUND = 0.5  # share of outliers since the previous look
 
 
 def sensor_outcome(

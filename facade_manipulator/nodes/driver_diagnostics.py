@@ -23,13 +23,6 @@ from facade_manipulator.errors import joined, NEXT
 from facade_manipulator.motion.follower import StreamStatus
 from facade_manipulator.nodes.diagnostics import diagnostic_status
 
-_BUS_WORDS = {
-    ControllerState.UNCONFIGURED: 'closed',
-    ControllerState.CLOSED: 'closed',
-    ControllerState.CONFIGURING: 'configuring',
-}
-FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
-
 
 class StopCounter:
     """Counters of the stops, for the node that looks at each new state of the drives."""
@@ -88,6 +81,13 @@ def operation_status(
             **more,
         },
     )
+
+
+_BUS_WORDS = {
+    ControllerState.UNCONFIGURED: 'closed',
+    ControllerState.CLOSED: 'closed',
+    ControllerState.CONFIGURING: 'configuring',
+}
 
 
 def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:
@@ -149,6 +149,9 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
     serial_number = axis.serial_number
     identity = f'node {axis.node_id}' if serial_number is None else str(serial_number)
     return diagnostic_status(axis.name, *_axis_outcome(axis), values, identity)
+
+
+FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
 def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:

@@ -39,10 +39,6 @@ from facade_manipulator.nodes.run import run
 if TYPE_CHECKING:
     from facade_manipulator.nodes.compensator import CompensatorNode
 
-ACTUATOR_SPACE = 'actuator_space'
-APPROACH_PERIOD = 0.01  # s
-REASON = 'reason', 'quantity', 'value', 'bound', 'unit'  # of a rejected request
-
 
 class IkServiceNode(BaseNode):
     """
@@ -55,6 +51,10 @@ class IkServiceNode(BaseNode):
 
     """
 
+    ACTUATOR_SPACE = 'actuator_space'
+    APPROACH_PERIOD = 0.01  # s
+    REASON = 'reason', 'quantity', 'value', 'bound', 'unit'  # of a rejected request
+
     wants_priority = True
 
     def __init__(self, connects_later: bool = False, **kwargs: Any) -> None:
@@ -63,7 +63,7 @@ class IkServiceNode(BaseNode):
         self._stream = SetpointStream(setup.geometry, setup.reference.min_conditioning)
         self._poses = PoseFollower(self._stream, ReferencePath(setup.reference))
         self._approach_timer = steady_timer(
-            self, APPROACH_PERIOD, self._continue_approach, autostart=False
+            self, self.APPROACH_PERIOD, self._continue_approach, autostart=False
         )
         self._head: Pose | None = None
         # receives each pose of the head, in a compensator of this process
@@ -208,7 +208,7 @@ class IkServiceNode(BaseNode):
         self, request: GetPlan.Request, response: GetPlan.Response
     ) -> GetPlan.Response:
         header = response.plan.header
-        header.frame_id = ACTUATOR_SPACE
+        header.frame_id = self.ACTUATOR_SPACE
         header.stamp = self.get_clock().now().to_msg()
         try:
             path = self._path(request)
@@ -228,7 +228,7 @@ class IkServiceNode(BaseNode):
         """Count a rejected request, and publish its reason, value, bound and unit."""
         self.diagnostics.reject(error, 'solve')
         values = {'goal stamp': planar_messages.stamp_text(request.goal.header.stamp)}
-        for key in REASON:
+        for key in self.REASON:
             if hasattr(error, key):
                 values[key] = getattr(error, key)
         self._rejected_requests.publish(

@@ -17,9 +17,6 @@ from facade_manipulator.nodes.workarounds import answer_later, LifecycleMachine
 from facade_manipulator.topics import Service
 
 UNCONFIGURED_LABEL = 'unconfigured'  # label of a state
-INTERFACE_CHECK_PERIOD = (
-    0.2  # s, between two checks whether a missing interface has appeared
-)
 #: takes the result of a request, or the ManipulatorError with which it failed
 OnReply = Callable[[Any], None]
 
@@ -41,6 +38,9 @@ class ManagedNode(BaseNode, LifecycleNode):
         Message of the last request if it failed, else ``''``.
 
     """
+
+    # s, between two checks whether a missing interface has appeared
+    INTERFACE_CHECK_PERIOD = 0.2
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
@@ -106,7 +106,7 @@ class ManagedNode(BaseNode, LifecycleNode):
             if self.state_label == UNCONFIGURED_LABEL:
                 self._begin(Transition.TRANSITION_CONFIGURE, lambda _: None)
 
-        timer = steady_timer(self, INTERFACE_CHECK_PERIOD, look)
+        timer = steady_timer(self, self.INTERFACE_CHECK_PERIOD, look)
 
     def _start(self, start: Callable[[OnReply], None], on_reply: OnReply) -> None:
         """Start a request; a ManipulatorError that it raises is its reply."""

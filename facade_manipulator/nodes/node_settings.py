@@ -19,8 +19,6 @@ from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.head_path import ReferenceSettings
 from facade_manipulator.parameters import parameter, ParameterSource, settings
 
-# a name, because the simulator imports the CAN libraries, which only the loop needs
-SIMULATOR = 'facade_manipulator.simulation.drives.simulator:start_simulator'
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 
 
@@ -56,6 +54,10 @@ class SimulatorSettings:
         'Name of a scenario in config/scenarios, or path of a file', default='breeze'
     )
     viewer: bool = parameter("Whether MuJoCo's viewer shows the world", default=False)
+
+
+# a name, because the simulator imports the CAN libraries, which only the loop needs
+SIMULATOR = 'facade_manipulator.simulation.drives.simulator:start_simulator'
 
 
 class DriverSetup(NamedTuple):

@@ -29,19 +29,6 @@ from facade_manipulator.nodes.diagnostics import Diagnostics
 from facade_manipulator.nodes.planar_messages import require_frame
 from facade_manipulator.topics import Topic
 
-PUBLISHER_CHECK_PERIOD = 0.5  # s; counting the publishers of a topic takes 6 us
-BOUND = 1  # publisher of a topic
-# Fast DDS keeps a killed node in the graph for its lease of 20 s
-PUBLISHER_REMEDY = 'next: end one of the nodes, or wait 20 s if one has crashed'
-ANY_PUBLISHER = qos_profile_sensor_data  # compatible with every publisher
-NAMELESS = '_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_'  # until the name arrives
-GRAPH_DELAY = 5.0  # s: the middleware may report a publisher before the graph lists it
-# words of the quality of service that a subscription requires, by the kind of its policy
-POLICIES = {
-    QoSPolicyKind.RELIABILITY: 'reliability is best effort, required is reliable',
-    QoSPolicyKind.DURABILITY: 'durability is volatile, required is transient local',
-}
-
 
 @dataclass
 class IncompatiblePublisher:
@@ -69,6 +56,20 @@ class PublisherWatch:
 
     """
 
+    PUBLISHER_CHECK_PERIOD = 0.5  # s; counting the publishers of a topic takes 6 us
+    BOUND = 1  # publisher of a topic
+    # Fast DDS keeps a killed node in the graph for its lease of 20 s
+    PUBLISHER_REMEDY = 'next: end one of the nodes, or wait 20 s if one has crashed'
+    ANY_PUBLISHER = qos_profile_sensor_data  # compatible with every publisher
+    NAMELESS = '_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_'  # until the name arrives
+    # s: the middleware may report a publisher before the graph lists it
+    GRAPH_DELAY = 5.0
+    # words of the quality of service that a subscription requires, by the kind of its policy
+    POLICIES = {
+        QoSPolicyKind.RELIABILITY: 'reliability is best effort, required is reliable',
+        QoSPolicyKind.DURABILITY: 'durability is volatile, required is transient local',
+    }
+
     def __init__(
         self,
         node: Node,
@@ -83,7 +84,7 @@ class PublisherWatch:
         # by topic: publishers whose messages cannot be received
         self._incompatible: dict[str, IncompatiblePublisher] = {}
         self._qos: dict[str, QoSProfile] = {}  # of the subscriptions, by topic
-        steady_timer(node, PUBLISHER_CHECK_PERIOD, self.look)
+        steady_timer(node, self.PUBLISHER_CHECK_PERIOD, self.look)
 
     def watch(self, topic: Topic) -> None:
         """
@@ -101,7 +102,7 @@ class PublisherWatch:
             topic.type,
             topic.name,
             lambda _: None,
-            ANY_PUBLISHER,
+            self.ANY_PUBLISHER,
             event_callbacks=SubscriptionEventCallbacks(matched=count),
         )
 
@@ -142,11 +143,11 @@ class PublisherWatch:
             self._count(name, status.current_count)
 
         def report_incompatible(status: Any) -> None:
-            words = POLICIES.get(
+            words = self.POLICIES.get(
                 QoSPolicyKind(status.last_policy_kind), 'quality of service'
             )
             fault = f'{name} has an incompatible publisher: its {words}'
-            end = monotonic() + GRAPH_DELAY
+            end = monotonic() + self.GRAPH_DELAY
             self._incompatible[name] = IncompatiblePublisher(fault, end)
             self._diagnostics.reject(InputError('quality', fault))
             self._on_change()
@@ -187,7 +188,7 @@ class PublisherWatch:
     def require_sole(self, name: str) -> None:
         """Raise an InputError with reason ``'publishers'`` while a topic has two publishers."""
         if fault := self._faults.get(name):
-            raise InputError('publishers', f'{fault}; {PUBLISHER_REMEDY}')
+            raise InputError('publishers', f'{fault}; {self.PUBLISHER_REMEDY}')
 
     def fault_of(self, name: str) -> str:
         """Return the fault of a topic: two publishers, or one that cannot be received."""
@@ -200,7 +201,7 @@ class PublisherWatch:
     def fault(self) -> str:
         """Return the topics with a second publisher and the next step, ``''`` for none."""
         faults = '; '.join(self._faults.values())
-        return faults and f'{faults}; {PUBLISHER_REMEDY}'
+        return faults and f'{faults}; {self.PUBLISHER_REMEDY}'
 
     def look(self) -> None:
         """Count the publishers of all topics."""
@@ -229,16 +230,16 @@ class PublisherWatch:
         topic = self._node.resolve_topic_name(name)
         count = max(matched, self._node.count_publishers(topic))
         before = self._faults.pop(name, '')
-        if count > BOUND:
+        if count > self.BOUND:
             nodes = ', '.join(
                 sorted(
                     f'{one.node_namespace.rstrip("/")}/{one.node_name}'
                     for one in self._node.get_publishers_info_by_topic(topic)
                 )
             )
-            nodes = nodes.replace(NAMELESS, 'unknown')
+            nodes = nodes.replace(self.NAMELESS, 'unknown')
             self._faults[name] = (
-                f'{name} has {count} publishers ({nodes}), above the limit {BOUND}'
+                f'{name} has {count} publishers ({nodes}), above the limit {self.BOUND}'
             )
         if self._faults.get(name, '') != before:
             self._on_change()

@@ -17,22 +17,7 @@ from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.kinematics import Pose, Wrench
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
-BILLION = 10**9  # ns of a second
-PLANE_TOLERANCE = 1e-6  # m
-TILT_TOLERANCE = 1e-3  # rad
-# of the squared norm of a quaternion, for two digits of each part; tf2 has 0.01
-SQUARE_TOLERANCE = 0.02
-POSE_NUMBERS = (
-    'x',
-    'y',
-    'z',
-    'orientation.x',
-    'orientation.y',
-    'orientation.z',
-    'orientation.w',
-)
 LEVEL_NAMES = ('ok', 'warn', 'error', 'stale')  # of diagnostics, by number
-MAXIMUM_AGE, MAXIMUM_LEAD = 5.0, 1.0  # s, of the stamp of a command on arrival
 VARIANCES = (0, 7, 35)  # of x, y and yaw among the 36 of a pose's covariance
 
 
@@ -60,6 +45,9 @@ class OutOfPlane(NamedTuple):
     tilt: float
 
 
+BILLION = 10**9  # ns of a second
+
+
 def seconds(stamp: Any) -> float:
     """
     Return a stamp in seconds; float64 resolves 0.24 µs at today's epoch.
@@ -77,6 +65,9 @@ def seconds(stamp: Any) -> float:
 def stamp_text(stamp: Any) -> str:
     """Return a stamp as text in seconds with nine decimals, which identifies a goal."""
     return f'{stamp.sec}.{stamp.nanosec:09d}'
+
+
+MAXIMUM_AGE, MAXIMUM_LEAD = 5.0, 1.0  # s, of the stamp of a command on arrival
 
 
 def require_recent_command(name: str, stamp: float, now: float) -> None:
@@ -109,6 +100,19 @@ def require_finite(names: Sequence[str], values: Sequence[float], name: str) -> 
         raise InputError.not_finite(f'{name} {part}', value)
 
 
+# of the squared norm of a quaternion, for two digits of each part; tf2 has 0.01
+SQUARE_TOLERANCE = 0.02
+POSE_NUMBERS = (
+    'x',
+    'y',
+    'z',
+    'orientation.x',
+    'orientation.y',
+    'orientation.z',
+    'orientation.w',
+)
+
+
 def projected(message: Any, name: str) -> tuple[Pose, OutOfPlane]:
     """
     Return the nearest planar pose of a geometry_msgs/Pose [m, m, rad], and the difference.
@@ -137,6 +141,10 @@ def projected(message: Any, name: str) -> tuple[Pose, OutOfPlane]:
     tilt = 2.0 * math.atan2(math.hypot(qx, qy), math.hypot(qz, qw))
     yaw = math.atan2(2.0 * qz * qw, (qw - qz) * (qw + qz))
     return Pose(x, y, yaw), OutOfPlane(z, tilt)
+
+
+PLANE_TOLERANCE = 1e-6  # m
+TILT_TOLERANCE = 1e-3  # rad
 
 
 def planar_pose(message: Any, name: str) -> Pose:

@@ -38,31 +38,14 @@ try:
 except ImportError:  # half the processor time of the other executor; some rclpy lack it
     EventsExecutor = SingleThreadedExecutor
 
-FAILED, USAGE_ERROR = 1, 2  # exit statuses
-STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-SIGNAL_CHECK_PERIOD = 0.1  # s, maximum delay of a signal
-# number of exceptions within this time [s] that ends a node
-MOST_EXCEPTIONS, EXCEPTION_PERIOD = 10, 10.0
 LOG_STEP = 'next: set ROS_LOG_DIR to a folder that you may write'
+
+
+FAILED, USAGE_ERROR = 1, 2  # exit statuses
 SIMULATED_TIME = (
     'use_sim_time rejected: true, required is false, because a publisher of /clock '
     'could stop the supervision of the drives; next: remove use_sim_time'
 )
-
-ROS_ARGUMENTS = """\
-ROS arguments:
-  --ros-args             begin of the ROS arguments
-  --params-file FILE     read parameters from a file; a later file overrides an earlier file
-  -p NAME:=VALUE         set a parameter
-  -r __ns:=/NAME         put the node into the namespace of a machine
-  --log-level LEVEL      log from this severity: debug, info, warn or error
-
-Example:
-  {name} --ros-args --params-file {file} -r __ns:=/gondola_1
-
-The page docs/reference.md describes the topics, services and parameters. `ros2 node info` and
-`ros2 param describe` show those of a running node.
-"""
 
 
 def run(
@@ -130,6 +113,10 @@ def _stop(signals: list[int], number: int, _: object) -> None:
     signals.append(number)
 
 
+# number of exceptions within this time [s] that ends a node
+MOST_EXCEPTIONS, EXCEPTION_PERIOD = 10, 10.0
+
+
 def _spin(nodes: Sequence[BaseNode], signals: Sequence[int]) -> None:
     """Run callbacks; log and count exceptions, and raise the tenth defect in ten seconds."""
     executor = EventsExecutor()
@@ -149,6 +136,9 @@ def _spin(nodes: Sequence[BaseNode], signals: Sequence[int]) -> None:
                 raise _original(error) from None
         if not rclpy.ok():
             raise ExternalShutdownException
+
+
+SIGNAL_CHECK_PERIOD = 0.1  # s, maximum delay of a signal
 
 
 def _run_callbacks(
@@ -221,6 +211,9 @@ def ros_errors() -> Iterator[None]:
         raise ManipulatorError(f'{message}{hint}') from error
 
 
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
 def handle_signals(action: Callable[[int, Any], object] | signal.Handlers) -> None:
     """Set the handler of all signals that end a process, except SIGHUP under nohup."""
     for number in STOP_SIGNALS:
@@ -243,6 +236,22 @@ def _require_own_names(nodes: Sequence[BaseNode]) -> None:
                 'topics, services and parameter files contain; next: replace the remapping of '
                 f'__node with a namespace, such as -r __ns:=/{node.get_name()}'
             )
+
+
+ROS_ARGUMENTS = """\
+ROS arguments:
+  --ros-args             begin of the ROS arguments
+  --params-file FILE     read parameters from a file; a later file overrides an earlier file
+  -p NAME:=VALUE         set a parameter
+  -r __ns:=/NAME         put the node into the namespace of a machine
+  --log-level LEVEL      log from this severity: debug, info, warn or error
+
+Example:
+  {name} --ros-args --params-file {file} -r __ns:=/gondola_1
+
+The page docs/reference.md describes the topics, services and parameters. `ros2 node info` and
+`ros2 param describe` show those of a running node.
+"""
 
 
 def _reject_other_arguments(

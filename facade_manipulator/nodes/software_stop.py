@@ -13,12 +13,6 @@ from dataclasses import dataclass
 
 from facade_manipulator.errors import DriveStateError
 
-SEND_FALSE = 'publish false on {} ten times a second'
-ONE_EACH = (
-    'let one node publish {} with reliable quality of service, or wait 20 s if a node '
-    'has crashed'
-)
-
 
 @dataclass
 class _Topic:
@@ -43,6 +37,12 @@ class SoftwareStop:
         Returns the fault of the publishers of a topic, ``''`` for none.
 
     """
+
+    SEND_FALSE = 'publish false on {} ten times a second'
+    ONE_EACH = (
+        'let one node publish {} with reliable quality of service, or wait 20 s if a node '
+        'has crashed'
+    )
 
     def __init__(
         self, names: Sequence[str], timeout: float, fault_of: Callable[[str], str]
@@ -105,14 +105,14 @@ class SoftwareStop:
         """Return why clear_faults is impossible, and the next step; ``''`` if it is possible."""
         topic = self._topics[name]
         if fault := self._fault_of(name):
-            return fault, ONE_EACH.format(name)
+            return fault, self.ONE_EACH.format(name)
         reason = self._silence(name, now)
         if topic.newest:
             reason = (
                 f'{name} is true, received {now - topic.received_at:.2f} s ago, '
                 'required is false'
             )
-        return reason, reason and SEND_FALSE.format(name)
+        return reason, reason and self.SEND_FALSE.format(name)
 
     def _silence(self, name: str, now: float) -> str:
         """Return the message about a silent supervisor, constant during the silence."""

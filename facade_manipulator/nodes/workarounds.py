@@ -18,9 +18,6 @@ from rclpy.parameter import Parameter
 ROSError: type[Exception] = (
     rclpy_implementation.RCLError
 )  #: rclpy has no public name for it
-MOST_WAITING = (
-    100  # maximum number of messages taken from a topic at once: a flood must not block
-)
 
 
 def given_parameters(node: Node) -> dict[str, Parameter]:
@@ -47,6 +44,10 @@ def answer_later(
     service.send_response = lambda request, header: begin(
         request, lambda response: send_response(response, header)
     )
+
+
+# maximum number of messages taken from a topic at once: a flood must not block
+MOST_WAITING = 100
 
 
 def take_waiting(node: Node) -> None:

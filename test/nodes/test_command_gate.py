@@ -8,11 +8,7 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.nodes.command_gate import (
-    CommandGate,
-    GATE_PERIOD,
-    STATUS_TIMEOUT,
-)
+from facade_manipulator.nodes.command_gate import CommandGate, GATE_PERIOD
 from facade_manipulator.nodes.driver_status import DRIVER_SILENCE, DriverStatus
 
 START = 100.0  # s, monotonic
@@ -89,7 +85,7 @@ def active(bench):
 
 def test_commands_pass_without_a_driver_after_a_delay(bench):
     early = bench.offer()
-    bench.wait(STATUS_TIMEOUT)
+    bench.wait(CommandGate.STATUS_TIMEOUT)
     assert bench.followed == []
     bench.wait(2 * GATE_PERIOD)
     late = bench.offer()
@@ -102,24 +98,24 @@ def test_late_first_callback_does_not_open_the_gate(bench):
     bench.now += 1.0
     bench.offer()
     bench.report('inactive')
-    bench.wait(2 * STATUS_TIMEOUT)
+    bench.wait(2 * CommandGate.STATUS_TIMEOUT)
     assert bench.followed == [] and len(bench.rejected) == 1
 
 
 @pytest.mark.parametrize('since', [START - 1.0, START + 1.0])
 def test_driver_that_appears_late_ends_only_earlier_commands(bench, since):
-    bench.wait(STATUS_TIMEOUT + 2 * GATE_PERIOD)
+    bench.wait(CommandGate.STATUS_TIMEOUT + 2 * GATE_PERIOD)
     bench.offer()
     bench.now += 1.0
     bench.report('active', since)
-    assert len(bench.ends) == (since > START + STATUS_TIMEOUT)
+    assert len(bench.ends) == (since > START + CommandGate.STATUS_TIMEOUT)
 
 
 def test_invalid_first_status_closes_the_gate(bench):
     """Two drivers from the start are not a driver of another make."""
     command = bench.offer()
     bench.gate.receive_invalid()
-    bench.wait(2 * STATUS_TIMEOUT)
+    bench.wait(2 * CommandGate.STATUS_TIMEOUT)
     assert bench.followed == [] and bench.rejected == [command]
 
 
@@ -129,7 +125,7 @@ def test_command_between_activation_and_its_status_is_followed(bench):
     since = bench.now
     bench.now += 0.1
     command = bench.offer()
-    bench.wait(STATUS_TIMEOUT / 2)
+    bench.wait(CommandGate.STATUS_TIMEOUT / 2)
     bench.report('active', since)
     assert bench.followed == [command] and bench.rejected == []
 
@@ -148,9 +144,9 @@ def test_command_before_the_activation_is_rejected_at_once(bench):
 def test_command_without_activation_is_rejected_once(bench):
     bench.report('inactive')
     command = bench.offer()
-    bench.wait(STATUS_TIMEOUT)
+    bench.wait(CommandGate.STATUS_TIMEOUT)
     assert bench.rejected == []
-    bench.wait(3 * STATUS_TIMEOUT)
+    bench.wait(3 * CommandGate.STATUS_TIMEOUT)
     assert bench.rejected == [command]
     assert bench.reasons == [
         'the drives are inactive; next: activate, then send the pose again'
@@ -160,9 +156,9 @@ def test_command_without_activation_is_rejected_once(bench):
 def test_newer_command_replaces_the_held_command(bench):
     bench.report('inactive')
     bench.offer()
-    bench.wait(STATUS_TIMEOUT / 2)
+    bench.wait(CommandGate.STATUS_TIMEOUT / 2)
     newer = bench.offer()
-    bench.wait(2 * STATUS_TIMEOUT)
+    bench.wait(2 * CommandGate.STATUS_TIMEOUT)
     assert bench.rejected == [newer]
 
 
@@ -185,7 +181,7 @@ def test_driver_that_returns_follows_no_earlier_command(active):
     active.wait(DRIVER_SILENCE + 2 * GATE_PERIOD)
     active.followed.clear()
     active.report('active', since)
-    active.wait(STATUS_TIMEOUT)
+    active.wait(CommandGate.STATUS_TIMEOUT)
     assert active.followed == [] and not active.gate.has_passed
     newer = active.offer()
     assert active.followed == [newer]
@@ -213,7 +209,7 @@ def test_status_that_repeats_the_activation_ends_nothing(active):
     since = active.now
     active.offer()
     for _ in range(20):
-        active.wait(STATUS_TIMEOUT)
+        active.wait(CommandGate.STATUS_TIMEOUT)
         active.report('active', since)
     assert active.ends == []
 
@@ -255,7 +251,7 @@ def test_only_commands_after_the_activation_are_followed(events):
             newest = bench.followed[-1]
             ended = bench.ends and bench.ends[-1] > newest.received
             assert ended or newest.received >= since
-    bench.wait(2 * STATUS_TIMEOUT)
+    bench.wait(2 * CommandGate.STATUS_TIMEOUT)
     answered = bench.followed + bench.rejected
     assert len(answered) == len({*answered})
     assert not offered or offered[-1] in answered

@@ -277,7 +277,9 @@ def test_two_drivers_from_the_start_move_nothing(ros, neighbours):
 
 def test_goal_right_after_the_activation_is_followed(neighbours, monkeypatch):
     """The goal may arrive before the driver's status, which another process publishes."""
-    monkeypatch.setattr('facade_manipulator.nodes.command_gate.STATUS_TIMEOUT', 60.0)
+    monkeypatch.setattr(
+        'facade_manipulator.nodes.command_gate.CommandGate.STATUS_TIMEOUT', 60.0
+    )
     neighbours.publish_driver('activating')
     since = neighbours.now()
     neighbours.send_goal()
@@ -402,7 +404,9 @@ def test_goal_before_driver_status_is_answered_in_time(ros, monkeypatch, later, 
 def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, during):
     monkeypatch.setattr('facade_manipulator.nodes.command_gate.DRIVER_SILENCE', 0.3)
     # shorter than the silence, as in the node
-    monkeypatch.setattr('facade_manipulator.nodes.command_gate.STATUS_TIMEOUT', 0.075)
+    monkeypatch.setattr(
+        'facade_manipulator.nodes.command_gate.CommandGate.STATUS_TIMEOUT', 0.075
+    )
     neighbours = Neighbours(ros)
     gate = neighbours.tested._gate
     neighbours.publish_driver('inactive', next_step='activate')

@@ -282,7 +282,9 @@ def test_pose_before_the_activation_moves_nothing(bench):
 
 
 def test_pose_that_the_gate_held_is_for_the_present(bench, monkeypatch):
-    monkeypatch.setattr('facade_manipulator.nodes.command_gate.STATUS_TIMEOUT', 60.0)
+    monkeypatch.setattr(
+        'facade_manipulator.nodes.command_gate.CommandGate.STATUS_TIMEOUT', 60.0
+    )
     bench.publish_driver('activating')
     since = bench.now()
     bench.send(MIDDLE, since)
