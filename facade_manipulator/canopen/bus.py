@@ -31,27 +31,9 @@ from facade_manipulator.canopen.link import (
 )
 from facade_manipulator.errors import BusError
 
-MAXIMUM_STAMP_AGE = 10.0  # s: an older stamp comes from another clock
-NO_KERNEL_SYNC = (
-    'the control loop sends SYNC, because the kernel has no CAN broadcast manager; next: '
-    'sudo modprobe can-bcm, then cleanup and configure, for less jitter'
-)
-# the queue of the interface is full, that of the socket
-_FULL = (errno.ENOBUFS, errno.EAGAIN)
-_ERRORS = (can.CanError, OSError, ValueError)  # the interface is down, gone or closed
-
 
 class BusCongestedError(BusError):
     """The send queue is full: no node acknowledges frames, or the queue is too short."""
-
-
-# error classes in the identifier of an error frame
-_CONTROLLER_PROBLEM = 0x004
-_BUS_OFF = 0x040
-_RESTARTED = 0x100
-# bits of data[1] for a controller problem
-_OVERFLOWS = 0x03
-_CONDITIONS = {0x30: 'passive', 0x0C: 'warning', 0x40: 'active'}  # the worst first
 
 
 class _SentMessage(can.Message):
@@ -105,6 +87,26 @@ def open_bus(settings: BusSettings) -> can.BusABC:
 class CanBus:
     """Frames of a python-can bus, which this object closes; one thread at a time may send."""
 
+    MAXIMUM_STAMP_AGE = 10.0  # s: an older stamp comes from another clock
+    NO_KERNEL_SYNC = (
+        'the control loop sends SYNC, because the kernel has no CAN broadcast manager; next: '
+        'sudo modprobe can-bcm, then cleanup and configure, for less jitter'
+    )
+    # the queue of the interface is full, that of the socket
+    _FULL = (errno.ENOBUFS, errno.EAGAIN)
+    _ERRORS = (
+        can.CanError,
+        OSError,
+        ValueError,
+    )  # the interface is down, gone or closed
+    # error classes in the identifier of an error frame
+    _CONTROLLER_PROBLEM = 0x004
+    _BUS_OFF = 0x040
+    _RESTARTED = 0x100
+    # bits of data[1] for a controller problem
+    _OVERFLOWS = 0x03
+    _CONDITIONS = {0x30: 'passive', 0x0C: 'warning', 0x40: 'active'}  # the worst first
+
     has_kernel_sync = False
     sync_note = ''  #: reason why the kernel of a SocketCAN interface does not send SYNC
 
@@ -123,7 +125,7 @@ class CanBus:
                 create_bcm_socket(bus.channel).close()
                 self.has_kernel_sync = True
             except OSError:
-                self.sync_note = NO_KERNEL_SYNC
+                self.sync_note = self.NO_KERNEL_SYNC
 
     def __str__(self) -> str:
         hint = " (python-can's bus within one process: no drive outside is on it)"
@@ -155,7 +157,7 @@ class CanBus:
             # This method is implemented by each interface of python-can. The `recv` around it uses
             # the system clock, and would wait longer after this clock is set back.
             message, _ = self._bus._recv_internal(max(0.0, timeout))
-        except _ERRORS as error:
+        except self._ERRORS as error:
             raise self._error(error) from error
         if message is None:
             return None
@@ -169,7 +171,7 @@ class CanBus:
             return None
         self.statistics.received += 1
         age = time.time() - message.timestamp
-        if not 0.0 <= age < MAXIMUM_STAMP_AGE:
+        if not 0.0 <= age < self.MAXIMUM_STAMP_AGE:
             age = 0.0  # the system clock was set after reception
         remote = cob_ids.REMOTE_FRAME if message.is_remote_frame else 0
         return Frame(
@@ -196,7 +198,7 @@ class CanBus:
         )
         try:
             self._bus.send(message)
-        except _ERRORS as error:
+        except self._ERRORS as error:
             raise self._error(error) from error
         self.statistics.sent += 1
 
@@ -213,7 +215,7 @@ class CanBus:
         message = can.Message(arbitration_id=cob_ids.SYNC, is_extended_id=False)
         try:
             self._sync_task = self._bus.send_periodic(message, period)
-        except _ERRORS as error:
+        except self._ERRORS as error:
             raise self._error(error) from error
 
     def stop_sync(self) -> None:
@@ -222,38 +224,38 @@ class CanBus:
         self._sync_task = None
         if task is not None:
             # the sockets of a removed interface are already closed
-            with suppress(*_ERRORS):
+            with suppress(*self._ERRORS):
                 task.stop()
 
     def close(self) -> None:
         """Stop SYNC and close the interface; never raises."""
         self.stop_sync()
-        with suppress(*_ERRORS):
+        with suppress(*self._ERRORS):
             self._bus.shutdown()
 
     def _note_error(self, error_class: int, bits: int) -> None:
         """Record the report of the controller in an error frame; raise a BusError if bus-off."""
         noted = self.statistics
         noted.error_frames += 1
-        if error_class & _BUS_OFF:
+        if error_class & self._BUS_OFF:
             noted.condition = 'off'
             raise BusError(
                 f'{self}: the controller is bus-off; next: check bit rate and wiring, '
                 f'then {restart_command(getattr(self._bus, "channel", str(self)))}'
             )
-        if error_class & _RESTARTED:
+        if error_class & self._RESTARTED:
             noted.condition = 'active'
-        elif error_class & _CONTROLLER_PROBLEM:
-            if bits & _OVERFLOWS:  # of the queues of the controller
+        elif error_class & self._CONTROLLER_PROBLEM:
+            if bits & self._OVERFLOWS:  # of the queues of the controller
                 noted.overflows += 1
-            for mask, condition in _CONDITIONS.items():
+            for mask, condition in self._CONDITIONS.items():
                 if bits & mask:
                     noted.condition = condition
                     break
 
     def _error(self, error: Exception) -> BusError:
         code = getattr(error, 'error_code', None) or getattr(error, 'errno', None)
-        if code in _FULL or (code is None and 'full' in str(error).lower()):
+        if code in self._FULL or (code is None and 'full' in str(error).lower()):
             return BusCongestedError(
                 f'{self}: the send queue is full, because no node acknowledges frames: '
                 'check power of the drives, wiring and bit rate'

@@ -4,12 +4,6 @@ from __future__ import annotations
 
 import time
 
-# s, change of the difference of both clocks that counts: less is the time between two readings
-OFFSET_TOLERANCE = 2e-4
-OFFSET_READINGS = (
-    5  # the shortest is used: the thread may be displaced during a reading
-)
-
 
 class Clock:
     """
@@ -32,6 +26,11 @@ class SteadyTime:
     have equal times unless the clock was set between them.
     """
 
+    # s, change of the difference of both clocks that counts: less is the time between two readings
+    OFFSET_TOLERANCE = 2e-4
+    # the shortest is used: the thread may be displaced during a reading
+    OFFSET_READINGS = 5
+
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._offset = self._read_offset()
@@ -47,14 +46,14 @@ class SteadyTime:
     def _present_offset(self) -> float:
         """Return the time by which the system clock is ahead of the monotonic clock [s]."""
         offset = self._clock.time() - self._clock.monotonic()
-        if abs(offset - self._offset) > OFFSET_TOLERANCE:
+        if abs(offset - self._offset) > self.OFFSET_TOLERANCE:
             self._offset = self._read_offset()
         return self._offset
 
     def _read_offset(self) -> float:
         """Return the offset of the shortest of some readings [s]."""
         readings = []
-        for _ in range(OFFSET_READINGS):
+        for _ in range(self.OFFSET_READINGS):
             before = self._clock.monotonic()
             stamp = self._clock.time()
             after = self._clock.monotonic()

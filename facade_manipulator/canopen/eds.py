@@ -33,18 +33,6 @@ _WHOLE_NUMBERS = frozenset(
     }
 )
 _VALUES = frozenset({'LowLimit', 'HighLimit', 'DefaultValue', 'ParameterValue'})
-_KEYS = {
-    name.lower(): name
-    for name in (
-        *_WHOLE_NUMBERS,
-        *_VALUES,
-        'ParameterName',
-        'AccessType',
-        'VendorName',
-        'ProductName',
-    )
-}
-_NOT_WHOLE = frozenset({*datatypes.FLOAT_TYPES, *datatypes.DATA_TYPES})
 
 
 def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
@@ -73,6 +61,19 @@ def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
     return dictionary
 
 
+_KEYS = {
+    name.lower(): name
+    for name in (
+        *_WHOLE_NUMBERS,
+        *_VALUES,
+        'ParameterName',
+        'AccessType',
+        'VendorName',
+        'ProductName',
+    )
+}
+
+
 def _normalised(text: str) -> StringIO:
     """Return the text in the form that `canopen` reads: each object, then its sub-objects."""
     found = RawConfigParser(inline_comment_prefixes=(';',))
@@ -92,6 +93,9 @@ def _section_name(section: str) -> str:
     """Return the name of a section in the spelling that the library expects."""
     name = section.upper().replace('SUB', 'sub').replace('NAME', 'Name')
     return name.replace('DEVICEINFO', 'DeviceInfo')
+
+
+_NOT_WHOLE = frozenset({*datatypes.FLOAT_TYPES, *datatypes.DATA_TYPES})
 
 
 def _entries(name: str, section: Mapping[str, str]) -> dict[str, str] | None:

@@ -18,12 +18,6 @@ from facade_manipulator.errors import BusError
 from facade_manipulator.parameters import parameter, settings
 
 _SYSTEM = Path('/sys/class/net')
-# Share of the bit rate by which the adapter may deviate. With the sample point 87.5 % of CiA 301,
-# p = 0.125 bits follow the sample, and each node may deviate by p / (2 (13 - p)) = 0.49 % (Bosch,
-# CAN specification 2.0). The crystals of drives deviate by less than 0.02 %.
-BIT_RATE_TOLERANCE = 0.005
-_NEAR_BIT_RATE = 0.1  # a larger deviation comes from a setting, not from a clock
-_QUERY_TIMEOUT = 2.0  # s, for `ip`
 
 
 @settings
@@ -59,6 +53,13 @@ class BusStatistics:
     error_frames: int = 0
     overflows: int = 0
     condition: str = 'active'  #: or warning, passive, off
+
+
+# Share of the bit rate by which the adapter may deviate. With the sample point 87.5 % of CiA 301,
+# p = 0.125 bits follow the sample, and each node may deviate by p / (2 (13 - p)) = 0.49 % (Bosch,
+# CAN specification 2.0). The crystals of drives deviate by less than 0.02 %.
+BIT_RATE_TOLERANCE = 0.005
+_NEAR_BIT_RATE = 0.1  # a larger deviation comes from a setting, not from a clock
 
 
 def check_link(channel: str, bitrate: int) -> None:
@@ -106,6 +107,9 @@ def is_up(channel: str) -> bool:
     except (OSError, ValueError):
         return False
     return bool(flags & 1)  # IFF_UP
+
+
+_QUERY_TIMEOUT = 2.0  # s, for `ip`
 
 
 def _details(channel: str) -> dict[str, Any]:

@@ -23,25 +23,8 @@ from facade_manipulator.canopen import cob_ids, indices
 from facade_manipulator.canopen.bus import CanBus, Frame
 
 UNCONFIGURED = 255  # node id of a node without a node id
-STORING_TIME = 3.0  # s; CiA 305 has no limit; drives needed more than 0.3 s
-_CONFIRMING_TIME = 0.5  # s, for the answer to a command that is not part of a scan
 REQUEST_PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
-_SCAN_ATTEMPTS = 2  # questions of fastscan before silence is an answer
-_LATENCY_MARGIN = 1.5  # of the slowest answer, for which late answers are awaited
 _FRAME_LENGTH = 8
-# command specifiers of the answers that differ from those of the requests
-_ANSWERS = {
-    lss.CS_FAST_SCAN: lss.CS_IDENTIFY_SLAVE,
-    lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER: lss.CS_SWITCH_STATE_SELECTIVE_RESPONSE,
-}
-# requests that select a slave with the four numbers of its identity
-_SELECTIONS = range(
-    lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID,
-    lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER + 1,
-)
-# values of the bit of a fastscan besides the number of a bit
-_FULL_CHECK = 0
-_RESET_SCAN = 0x80
 
 
 class Identity(NamedTuple):
@@ -79,6 +62,16 @@ class LssTransport:
     needed. It asks again after silence, because a slave may have been slow for once.
     """
 
+    STORING_TIME = 3.0  # s; CiA 305 has no limit; drives needed more than 0.3 s
+    _CONFIRMING_TIME = 0.5  # s, for the answer to a command that is not part of a scan
+    _SCAN_ATTEMPTS = 2  # questions of fastscan before silence is an answer
+    _LATENCY_MARGIN = 1.5  # of the slowest answer, for which late answers are awaited
+    # command specifiers of the answers that differ from those of the requests
+    _ANSWERS = {
+        lss.CS_FAST_SCAN: lss.CS_IDENTIFY_SLAVE,
+        lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER: lss.CS_SWITCH_STATE_SELECTIVE_RESPONSE,
+    }
+
     def __init__(self, bus: WaitingBus, master: LssMaster, timeout: float) -> None:
         self._bus = bus
         self._master = master
@@ -97,10 +90,10 @@ class LssTransport:
         is_first_scan = is_scan and self._slowest is None
         self._bus.wait(REQUEST_PACE)
         self._master.responses.queue.clear()
-        self._expected = _ANSWERS.get(command, command)
+        self._expected = self._ANSWERS.get(command, command)
         self._asked_at = self._bus.monotonic()
 
-        for _ in range(_SCAN_ATTEMPTS if is_scan else 1):
+        for _ in range(self._SCAN_ATTEMPTS if is_scan else 1):
             self._sent_at = self._bus.monotonic()
             self._bus.frames.send(cob_id, bytes(data))
             longest = self._longest_wait(command)
@@ -112,16 +105,16 @@ class LssTransport:
     def _longest_wait(self, command: int) -> float:
         """Return the time to wait for the answer to a command [s]."""
         if command == lss.CS_STORE_CONFIGURATION:
-            return STORING_TIME
+            return self.STORING_TIME
         if command == lss.CS_FAST_SCAN:
-            return max(self._timeout, _LATENCY_MARGIN * (self._slowest or 0.0))
+            return max(self._timeout, self._LATENCY_MARGIN * (self._slowest or 0.0))
         if command in lss.ListMessageNeedResponse:
-            return max(self._timeout, _CONFIRMING_TIME)
+            return max(self._timeout, self._CONFIRMING_TIME)
         return self._timeout
 
     def _await_other_answers(self, is_first_scan: bool) -> None:
         """Listen until the slaves that answer later than the first have answered."""
-        longest = _LATENCY_MARGIN * (self._slowest or 0.0)
+        longest = self._LATENCY_MARGIN * (self._slowest or 0.0)
         if is_first_scan:
             longest = max(longest, 2.0 * self._timeout)
         end = self._sent_at + longest
@@ -205,6 +198,15 @@ class LssSlave:
     `values` contains the objects of the drive; 1018h is the identity.
     """
 
+    # requests that select a slave with the four numbers of its identity
+    _SELECTIONS = range(
+        lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID,
+        lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER + 1,
+    )
+    # values of the bit of a fastscan besides the number of a bit
+    _FULL_CHECK = 0
+    _RESET_SCAN = 0x80
+
     def __init__(self, node_id: int, values: Mapping[tuple[int, int], int]) -> None:
         self.stored = node_id  #: the node id after the next power-up
         self._values = values
@@ -227,8 +229,8 @@ class LssSlave:
         elif command == lss.CS_FAST_SCAN:
             if active == UNCONFIGURED and not self.is_selected:
                 answer = self._scan(data)
-        elif command in _SELECTIONS:
-            answer = self._select(_SELECTIONS.index(command), data)
+        elif command in self._SELECTIONS:
+            answer = self._select(self._SELECTIONS.index(command), data)
         elif command == lss.CS_CONFIGURE_NODE_ID and self.is_selected:
             self.pending = data[1]
             answer = command
@@ -247,7 +249,7 @@ class LssSlave:
         if part != self._matched or number != self._number(part):
             self._matched = 0
             return None
-        if part < len(_SELECTIONS) - 1:
+        if part < len(self._SELECTIONS) - 1:
             self._matched = part + 1
             return None
         self._matched = 0
@@ -257,14 +259,14 @@ class LssSlave:
     def _scan(self, data: bytes) -> int | None:
         """Compare the upper bits of a number with those of the identity; return the answer."""
         number, bit, part, following = struct.unpack('<xIBBB', data)
-        if bit == _RESET_SCAN:
+        if bit == self._RESET_SCAN:
             self._scanned = 0
             return lss.CS_IDENTIFY_SLAVE
         if part != self._scanned or bit > 31:
             return None
         if (number ^ self._number(part)) >> bit:
             return None
-        if bit == _FULL_CHECK and following != part:
+        if bit == self._FULL_CHECK and following != part:
             self._scanned = following
             self.is_selected = following < part
         return lss.CS_IDENTIFY_SLAVE

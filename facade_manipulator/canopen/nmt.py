@@ -18,8 +18,6 @@ from canopen.nmt import NMT_COMMANDS, NMT_STATES
 
 WAITS_FOR_START = 1 << 2  # bit of 1F80h: the node does not start itself
 SUPERVISED_HEARTBEAT_BITS = 0x00FFFFFF  # of 1016h; the highest byte is reserved
-_STATE_BITS = 0x7F  # the highest bit is reserved
-_STATE_NUMBERS = {name: number for number, name in NMT_STATES.items()}
 
 
 def command(name: str, node_id: int) -> bytes:
@@ -27,9 +25,15 @@ def command(name: str, node_id: int) -> bytes:
     return bytes([NMT_COMMANDS[name], node_id])
 
 
+_STATE_NUMBERS = {name: number for number, name in NMT_STATES.items()}
+
+
 def heartbeat(state: str) -> bytes:
     """Return the data of the heartbeat of a node in a state."""
     return bytes([_STATE_NUMBERS[state]])
+
+
+_STATE_BITS = 0x7F  # the highest bit is reserved
 
 
 def state_number(data: bytes) -> int:

@@ -21,8 +21,6 @@ from typing import NamedTuple
 from facade_manipulator.canopen import cob_ids, indices
 from facade_manipulator.canopen.sdo import Write
 
-# Hz, maximum rate of cycles at which the bus has room for every PDO
-HIGHEST_FULL_RATE = 200
 #: from the index of the communication parameters of a PDO to that of its mapping
 MAPPING_OFFSET = indices.RPDO_MAPPING - indices.RPDO_COMMUNICATION
 PDO_NAMES = (
@@ -49,6 +47,9 @@ class MappedObject(NamedTuple):
 @dataclass
 class Pdo:
     """Process data object: its name, such as 'TPDO1', and its mapped objects."""
+
+    # Hz, maximum rate of cycles at which the bus has room for every PDO
+    HIGHEST_FULL_RATE = 200
 
     name: str
     #: the objects in order; empty for a PDO that is only disabled
@@ -77,7 +78,7 @@ class Pdo:
             return 1
         if MOTION_OBJECTS.isdisjoint(self.indices):
             return ceil(rate / 10)
-        return 1 if rate <= HIGHEST_FULL_RATE else ceil(rate / 50)
+        return 1 if rate <= self.HIGHEST_FULL_RATE else ceil(rate / 50)
 
     def cob_id(self, node_id: int) -> int:
         """Return the COB-ID of this PDO at a node."""

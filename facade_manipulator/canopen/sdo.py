@@ -33,7 +33,6 @@ from facade_manipulator.timeouts import ATTEMPTS, RESPONSE_TIMEOUT
 
 SDO_FRAME_LENGTH = 8
 ALL_BITS = 0xFFFFFFFF
-NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
 
 Result = TypeVar('Result')
 #: generator that yields while it must wait, and returns its result
@@ -144,10 +143,12 @@ def expedited_number(answer: bytes) -> int | None:
 class SdoAbortError(DriveObjectError):
     """A drive has aborted the transfer of an object; the message contains the SDO abort code."""
 
+    NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
+
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
         #: whether the drive does not have the object
-        self.is_absent = code in NO_SUCH_OBJECT
+        self.is_absent = code in self.NO_SUCH_OBJECT
 
 
 class _AttemptError(Exception):

@@ -41,16 +41,7 @@ from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.timeouts import CLOSE_REQUEST_TIMEOUT, END_TIMEOUT
 
-IDLE_WAIT = 0.05  # s without a bus; maximum delay of a signal
-MOST_STREAM_MESSAGES = 8  # messages of the stream that a turn handles
-READING_SHARE = 0.1  # of the period: a flood of the stream delays the step by less
-SETUP_TIMEOUT = 10.0  # s, that the node has for sending the setup
 HANG_TIMEOUT = 5.0  # s of one turn, after which the kernel ends the process
-RENEWAL_PERIOD = 1.0  # s
-NOT_CLOSED = (
-    'the control loop does not end, the power of the drives is unknown; next: switch their '
-    'supply off'
-)
 _log = logging.getLogger(__name__)
 
 
@@ -74,13 +65,15 @@ def guarded_follower(setup: LoopSetup) -> tuple[SetpointFollower, Guard]:
 class HangAlarm:
     """Alarm of the kernel, which ends a process that has not renewed it for some time."""
 
+    RENEWAL_PERIOD = 1.0  # s
+
     def __init__(self) -> None:
         self._renewal = -math.inf  # time at which it is due [s, monotonic]
 
     def renew(self, now: float) -> None:
         """Postpone the alarm, at most once a second, at a time [s, monotonic]."""
         if now >= self._renewal:
-            self._renewal = now + RENEWAL_PERIOD
+            self._renewal = now + self.RENEWAL_PERIOD
             self.set(HANG_TIMEOUT)
 
     def set(self, timeout: float) -> None:
@@ -95,6 +88,14 @@ class ControlLoop:
     A test may pass its clock and its machine: follower and controller on a bus of the test. The
     alarm is that of a process for itself. Raises the ParameterErrors of `DriveController`.
     """
+
+    IDLE_WAIT = 0.05  # s without a bus; maximum delay of a signal
+    MOST_STREAM_MESSAGES = 8  # messages of the stream that a turn handles
+    READING_SHARE = 0.1  # of the period: a flood of the stream delays the step by less
+    NOT_CLOSED = (
+        'the control loop does not end, the power of the drives is unknown; next: switch their '
+        'supply off'
+    )
 
     def __init__(
         self,
@@ -162,7 +163,7 @@ class ControlLoop:
         if self._alarm is not None:
             self._alarm.renew(self._clock.monotonic())
         if self.controller.bus.exchange is None:
-            self._channel.wait(IDLE_WAIT)
+            self._channel.wait(self.IDLE_WAIT)
         else:
             self.controller.wait()
         self._read()
@@ -173,9 +174,11 @@ class ControlLoop:
         """Handle all commands of the node, then the newest messages of the stream."""
         for message in self._channel.commands():
             self._handle(*message)
-        end = self._clock.monotonic() + READING_SHARE * self._setup.controller.period
+        end = (
+            self._clock.monotonic() + self.READING_SHARE * self._setup.controller.period
+        )
         for message in self._channel.stream(
-            MOST_STREAM_MESSAGES, lambda: self._clock.monotonic() < end
+            self.MOST_STREAM_MESSAGES, lambda: self._clock.monotonic() < end
         ):
             self._handle(*message)
 
@@ -212,7 +215,7 @@ class ControlLoop:
         while not replies and self._clock.monotonic() < end:
             self.controller.turn()
         if not replies:
-            _log.error(NOT_CLOSED)
+            _log.error(self.NOT_CLOSED)
             return False
         if isinstance(replies[0], ManipulatorError):
             _log.error(str(replies[0]))
@@ -263,6 +266,9 @@ class ControlLoop:
     def _send_state(self, snapshot: ControllerSnapshot) -> None:
         """Send a new state."""
         self._channel.send('state', snapshot, self.follower.status)
+
+
+SETUP_TIMEOUT = 10.0  # s, that the node has for sending the setup
 
 
 def main(commands: int, stream: int) -> int:

@@ -35,9 +35,6 @@ from facade_manipulator.timeouts import braking_time
 
 # plain numbers: combining Python's flags takes longer than the system call
 _WITHOUT_WAITING = int(socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
-STREAM = frozenset({'setpoint', 'forces', 'state', 'rejected'})
-SEND_BUFFER = 1 << 17  # bytes: some 250 commands
-LONGEST_MESSAGE = 1 << 16  # bytes, more than any message
 Message = tuple[str, tuple[Any, ...]]  # kind and content
 
 
@@ -111,9 +108,12 @@ class Channel:
     The channel owns both sockets, each of which is one of a SOCK_SEQPACKET pair.
     """
 
+    STREAM = frozenset({'setpoint', 'forces', 'state', 'rejected'})
+    SEND_BUFFER = 1 << 17  # bytes: some 250 commands
+
     def __init__(self, commands: socket.socket, stream: socket.socket) -> None:
         for end in (commands, stream):
-            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, self.SEND_BUFFER)
         self._commands = commands
         self._stream = stream
         self._poll_commands = _poll_of(commands)
@@ -126,7 +126,7 @@ class Channel:
         The end of the other process is reported by the methods that receive.
         """
         data = pickle.dumps((kind, content), pickle.HIGHEST_PROTOCOL)
-        end = self._stream if kind in STREAM else self._commands
+        end = self._stream if kind in self.STREAM else self._commands
         try:
             end.send(data, _WITHOUT_WAITING)
         except BlockingIOError:
@@ -186,6 +186,9 @@ def _receive(end: socket.socket, poll: select.poll) -> bytes | None:
         return None
     except OSError:  # this end is closed, or the other process was killed
         return b''
+
+
+LONGEST_MESSAGE = 1 << 16  # bytes, more than any message
 
 
 def _message(end: socket.socket) -> bytes:

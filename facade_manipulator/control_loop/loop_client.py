@@ -41,26 +41,7 @@ from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.package_files import import_path
 from facade_manipulator.timeouts import CLOSE_TIMEOUT
 
-START_TIMEOUT = 30.0  # s
-# feeds, 3 s: without a bus the loop sends a state each second. The bound is not a time, because a
-# node that hung itself finds old states of a healthy loop.
-MAX_UNANSWERED = 60
-# 30 s: a process takes long to start, some interfaces take long to open, and nothing runs then
-MAX_UNANSWERED_WITHOUT_BUS = {
-    ControllerState.LOST: 600,  # the state until a restarted loop sends its own
-    ControllerState.UNCONFIGURED: 600,
-    ControllerState.BUS_LOST: 600,
-}
-# without an answer: a loop that opens an interface reads nothing, and its channel must not fill
-MOST_FEEDS = 100
-MOST_STATES = 200  # that wait: those of two seconds
-HUNG = -signal.SIGALRM  # exit status of a loop that the alarm of the kernel has ended
 FEED_PERIOD = 0.05  # s; halt is answered within 0.1 s
-STOP_BY_HEARTBEAT = 'the drives stop because its heartbeat is missing'
-POWER_CONFIRMED_OFF = (
-    'the drives that it had configured have confirmed that their power is off'
-)
-LOST_REMEDY = 'read the cause in the log, then configure, home, activate'
 START_CODE = (  # the new interpreter imports from where this one does
     'import sys; sys.path[:] = sys.argv[3:]; '
     'from facade_manipulator.control_loop import control_loop; '
@@ -100,6 +81,28 @@ class LoopClient:
     or its settings contradict each other.
     """
 
+    START_TIMEOUT = 30.0  # s
+    # feeds, 3 s: without a bus the loop sends a state each second. The bound is not a time,
+    # because a node that hung itself finds old states of a healthy loop.
+    MAX_UNANSWERED = 60
+    # 30 s: a process takes long to start, some interfaces take long to open, and nothing runs then
+    MAX_UNANSWERED_WITHOUT_BUS = {
+        ControllerState.LOST: 600,  # the state until a restarted loop sends its own
+        ControllerState.UNCONFIGURED: 600,
+        ControllerState.BUS_LOST: 600,
+    }
+    # without an answer: a loop that opens an interface reads nothing, and its channel must not
+    # become full
+    MOST_FEEDS = 100
+    MOST_STATES = 200  # that wait: those of two seconds
+    # exit status of a loop that the alarm of the kernel has ended
+    HUNG = -signal.SIGALRM
+    STOP_BY_HEARTBEAT = 'the drives stop because its heartbeat is missing'
+    POWER_CONFIRMED_OFF = (
+        'the drives that it had configured have confirmed that their power is off'
+    )
+    LOST_REMEDY = 'read the cause in the log, then configure, home, activate'
+
     def __init__(
         self,
         setup: LoopSetup,
@@ -118,7 +121,7 @@ class LoopClient:
         #: replies that were received, and not passed on yet
         self._replies: deque[tuple[OnReply, Any]] = deque()
         # states that the node has not taken yet
-        self._states: deque[ControllerSnapshot] = deque(maxlen=MOST_STATES)
+        self._states: deque[ControllerSnapshot] = deque(maxlen=self.MOST_STATES)
         self._forbidden = ''
         self._remedy = ''
         self._close_due = math.inf  #: end of the time for `shut_down` [s, monotonic]
@@ -154,7 +157,7 @@ class LoopClient:
     def _wait_for_start(self) -> None:
         """Wait for the first message of the loop."""
         message = None
-        self._channel.wait(START_TIMEOUT)
+        self._channel.wait(self.START_TIMEOUT)
         with suppress(ConnectionError):
             message = next(self._channel.commands(), None)
         kind, content = message or ('', ())
@@ -191,19 +194,21 @@ class LoopClient:
         The loop runs only while this method is called. The node calls it last in its cycle, so
         that an earlier exception ends the loop.
         """
-        if self._unanswered < MOST_FEEDS:
+        if self._unanswered < self.MOST_FEEDS:
             self._command('feed')
         self.read()
         if self._is_lost:
             return
         self._unanswered += 1
-        bound = MAX_UNANSWERED_WITHOUT_BUS.get(self.snapshot().state, MAX_UNANSWERED)
+        bound = self.MAX_UNANSWERED_WITHOUT_BUS.get(
+            self.snapshot().state, self.MAX_UNANSWERED
+        )
         if self._unanswered > bound:
             _end(self._process)  # its drives miss the master's heartbeat and stop
             self._lose(
                 f'the control loop has sent no state while it was fed '
                 f'{self._unanswered} times, above the limit {bound}, and was ended; '
-                f'{STOP_BY_HEARTBEAT}'
+                f'{self.STOP_BY_HEARTBEAT}'
             )
         elif time.monotonic() > self._close_due:
             self._end_closed(0.0)
@@ -238,7 +243,7 @@ class LoopClient:
             return
         _end(self._process)
         self._lose(
-            f'the control loop has not read its messages, and was ended; {STOP_BY_HEARTBEAT}'
+            f'the control loop has not read its messages, and was ended; {self.STOP_BY_HEARTBEAT}'
         )
 
     # --- from the loop
@@ -271,14 +276,14 @@ class LoopClient:
         try:
             for message in self._channel.commands():
                 self._handle(*message)
-            for message in self._channel.stream(MOST_STATES):
+            for message in self._channel.stream(self.MOST_STATES):
                 self._handle(*message)
         except ConnectionError:
             status = _end(self._process, 1.0)
-            end = 'has hung' if status == HUNG else 'has ended by itself'
+            end = 'has hung' if status == self.HUNG else 'has ended by itself'
             self._lose(
                 f'the control loop {end}, exit status {status}; '
-                f'{POWER_CONFIRMED_OFF if status == 0 else STOP_BY_HEARTBEAT}'
+                f'{self.POWER_CONFIRMED_OFF if status == 0 else self.STOP_BY_HEARTBEAT}'
             )
 
     def _handle(self, kind: str, content: tuple[Any, ...]) -> None:
@@ -312,8 +317,8 @@ class LoopClient:
         if not self._is_closing:
             lost = lost._replace(
                 state=ControllerState.LOST,
-                next_step=LOST_REMEDY,
-                causes=(Cause(reason, LOST_REMEDY),),
+                next_step=self.LOST_REMEDY,
+                causes=(Cause(reason, self.LOST_REMEDY),),
             )
         self._is_lost = True
         self._state = (lost, status)

@@ -6,8 +6,6 @@ from math import inf
 
 from facade_manipulator.canopen.pdo import Pdo
 
-SYNC_TOLERANCE = 0.001  # s, maximum error between the stamps of a SYNC and its answers
-
 
 class Answers:
     """
@@ -16,6 +14,9 @@ class Answers:
     An answer is complete when all TPDOs of a SYNC have arrived: following errors of different
     cycles must not be compared. The rate is in cycles per second.
     """
+
+    # s, maximum error between the stamps of a SYNC and its answers
+    SYNC_TOLERANCE = 0.001
 
     def __init__(self, tpdos: tuple[Pdo, ...], rate: int) -> None:
         self._names = [one.name for one in tpdos]
@@ -45,7 +46,7 @@ class Answers:
     def receive(self, name: str, time: float, sync_time: float) -> None:
         """Record a TPDO with its time [s] and the time of the last SYNC [s]."""
         self.silent.discard(name)
-        if name in self._answered and time >= sync_time - SYNC_TOLERANCE:
+        if name in self._answered and time >= sync_time - self.SYNC_TOLERANCE:
             self._answered[name] = sync_time
             if min(self._answered.values()) == sync_time:
                 self.newest = sync_time

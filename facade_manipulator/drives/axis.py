@@ -43,10 +43,6 @@ from facade_manipulator.drives.states import (
 from facade_manipulator.errors import DriveStateError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 
-ENCODER_REMEDY = (
-    'check whether the carriage was pushed, check the encoder and its cable'
-)
-
 
 class Axis:
     """
@@ -55,6 +51,10 @@ class Axis:
     The operator reads its name. `settings` contain the units and the identity of the drive's
     profile. Raises a ParameterError if the profile contradicts the settings.
     """
+
+    ENCODER_REMEDY = (
+        'check whether the carriage was pushed, check the encoder and its cable'
+    )
 
     def __init__(
         self,
@@ -158,7 +158,7 @@ class Axis:
             return cause
         return Cause(
             f'{self.title}: the position {reason}',
-            ENCODER_REMEDY,
+            self.ENCODER_REMEDY,
             self.name,
             cut_power=True,
         )

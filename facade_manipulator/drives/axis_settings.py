@@ -12,18 +12,6 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.parameters import parameter, parameter_fields, settings
 
-OF_ONE_AXIS = frozenset(
-    {  # settings that may differ between the axes
-        'node_id',
-        'serial_number',
-        'lead',
-        'direction',
-        'home_position',
-        'homing_method',
-        'homing_rank',
-    }
-)
-
 
 @settings
 class AxisSettings:
@@ -225,6 +213,19 @@ class AxisSettings:
 DEFAULT_AXES = tuple(
     AxisSettings(node_id=node_id, home_position=home)
     for node_id, home in enumerate((-0.1, 0.1, 0.0), 1)
+)
+
+
+OF_ONE_AXIS = frozenset(
+    {  # settings that may differ between the axes
+        'node_id',
+        'serial_number',
+        'lead',
+        'direction',
+        'home_position',
+        'homing_method',
+        'homing_rank',
+    }
 )
 
 

@@ -37,6 +37,9 @@ DEVICE_PROFILE = 402
 Read = Callable[[int, int], Steps['int | None']]
 
 
+# --- the writes of a drive
+
+
 # masks of the bits that are not reserved, by index; a drive may set the others
 _USED_VALUE_BITS = {
     indices.COB_ID_SYNC: sync.PRODUCER | cob_ids.EXTENDED_FRAME | cob_ids.COB_ID_BITS,
@@ -45,9 +48,6 @@ _USED_VALUE_BITS = {
     | cob_ids.COB_ID_BITS,
     indices.CONSUMER_HEARTBEAT_TIME: nmt.SUPERVISED_HEARTBEAT_BITS,
 }
-_UNIT_BITS = 0xFFFFFF00  # prefix, numerator and denominator of a unit
-
-# --- the writes of a drive
 
 
 def drive_writes(
@@ -191,6 +191,9 @@ def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> Steps[bool
 
 
 # --- units and identity
+
+
+_UNIT_BITS = 0xFFFFFF00  # prefix, numerator and denominator of a unit
 
 
 def unit_conflicts(read: Read, axis: AxisSettings) -> Steps[list[str]]:

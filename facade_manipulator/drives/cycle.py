@@ -59,8 +59,6 @@ MIN_GAP = 0.2  # from our commands to our next SYNC
 JITTER = 0.25  # a SYNC that is farther from its expected time sets a new one
 CYCLE_ROUNDING = 1e-6
 
-JITTER_SHARE = 0.05  # share of the jitter that moves the smoothed time
-SURPLUS_WINDOW = 1.0  # s, in which surplus SYNCs are counted
 LATE_WINDOW = 500  # cycles over which the share of late cycles is counted
 
 
@@ -69,6 +67,8 @@ LATE_WINDOW = 500  # cycles over which the share of late cycles is counted
 
 class KernelSync:
     """SYNC of the kernel's broadcast manager; the loop sends only a SYNC that is overdue."""
+
+    SURPLUS_WINDOW = 1.0  # s, in which surplus SYNCs are counted
 
     waits = False
 
@@ -138,7 +138,7 @@ class KernelSync:
             causes.append(
                 Cause(
                     'another master is on the bus, SYNC (080h) was received between ours '
-                    f'{surplus} times within {SURPLUS_WINDOW:g} s, the limit is {bound}',
+                    f'{surplus} times within {self.SURPLUS_WINDOW:g} s, the limit is {bound}',
                     Remedy.OTHER_MASTER,
                 )
             )
@@ -162,7 +162,7 @@ class KernelSync:
         if self._received:  # an earlier time comes from a system clock that was set
             time = max(time, self._received[-1])
         self._received.append(time)
-        while self._received[0] <= time - SURPLUS_WINDOW:
+        while self._received[0] <= time - self.SURPLUS_WINDOW:
             self._received.popleft()
 
 
@@ -313,6 +313,8 @@ class CycleClock:
     drives that answer.
     """
 
+    JITTER_SHARE = 0.05  # share of the jitter that moves the smoothed time
+
     def __init__(self, period: float, drives: int, has_kernel_sync: bool) -> None:
         self.period = period
         self.sender: SyncSender = LoopSync(period)
@@ -375,7 +377,7 @@ class CycleClock:
         expected = self.smooth_time + periods * self.period
         if abs(time - expected) > JITTER * self.period:
             return time
-        return expected + JITTER_SHARE * (time - expected)
+        return expected + self.JITTER_SHARE * (time - expected)
 
     # --- answers
 

@@ -16,18 +16,17 @@ from __future__ import annotations
 
 from facade_manipulator.drives.axis_settings import AxisSettings
 
-JUMP_NOISE = 0.001  # m
-JUMP_MARGIN = 2.0  # of the acceleration that a carriage is allowed
-JUMP_JITTER = 0.5  # of the way since the last answer, for an early or late SYNC
-TOO_SOON = 0.5  # of the period: closer positions show no speed
-DOUBTFUL = 0.5  # of the bound: noise, jitter and acceleration cause smaller jumps
-MOST_SLIPPED = (
-    0.01  # m, sum of doubtful jumps: half of the default geometry.carriage_gap
-)
-
 
 class Encoder:
     """Position of one axis; the period is the time between two SYNCs [s]."""
+
+    JUMP_NOISE = 0.001  # m
+    JUMP_MARGIN = 2.0  # of the acceleration that a carriage is allowed
+    JUMP_JITTER = 0.5  # of the way since the last answer, for an early or late SYNC
+    TOO_SOON = 0.5  # of the period: closer positions show no speed
+    DOUBTFUL = 0.5  # of the bound: noise, jitter and acceleration cause smaller jumps
+    # m, sum of doubtful jumps: half of the default geometry.carriage_gap
+    MOST_SLIPPED = 0.01
 
     def __init__(self, axis: AxisSettings, period: float) -> None:
         #: the newest position, None before the first
@@ -85,7 +84,10 @@ class Encoder:
         """
         self.counts = counts
         before = self._compared
-        if before is not None and 0.0 <= time - self._time < TOO_SOON * self._period:
+        if (
+            before is not None
+            and 0.0 <= time - self._time < self.TOO_SOON * self._period
+        ):
             return ''  # the answer to a second SYNC: the next position is compared with the first
         elapsed = max(time - self._time, self._period)
         self._compared = counts
@@ -114,20 +116,24 @@ class Encoder:
         """
         interval = 0.5 * (self._elapsed + elapsed)
         accelerated = self._acceleration * interval * elapsed
-        return JUMP_NOISE + JUMP_MARGIN * accelerated + JUMP_JITTER * abs(expected)
+        return (
+            self.JUMP_NOISE
+            + self.JUMP_MARGIN * accelerated
+            + self.JUMP_JITTER * abs(expected)
+        )
 
     def _judge(self, jump: float, bound: float) -> str:
         """Return why the position is distrusted after a jump [m], or ``''``."""
-        if jump > DOUBTFUL * bound:
+        if jump > self.DOUBTFUL * bound:
             self._slipped += jump
         if not self.homed and not self._has_found_home:
             return ''
         if jump > bound:
             failure = f'has jumped by {jump:.4g} m, above the limit {bound:.4g} m'
-        elif self._slipped > MOST_SLIPPED:
+        elif self._slipped > self.MOST_SLIPPED:
             failure = (
                 f'has slipped by {self._slipped:.4g} m in all since homing, '
-                f'above the limit {MOST_SLIPPED:g} m'
+                f'above the limit {self.MOST_SLIPPED:g} m'
             )
         else:
             return ''

@@ -33,11 +33,8 @@ from facade_manipulator.drives.targets import TargetSupervisor
 from facade_manipulator.drives.transmitter import Transmitter
 
 LONGEST_WAIT = 0.02  # s: a stop acts within this time, also while all drives are silent
-# of the heartbeat time-out: after a longer pause of this loop frames may have been dropped
-EXCUSING_PAUSE = 0.5
 # minimum length of the data, because a drive may pad its frames to 8 bytes; receiver
 Route = tuple[int, Receiver]
-_IGNORED: Route = (0, lambda _: None)
 
 
 class CyclicExchange:
@@ -47,6 +44,10 @@ class CyclicExchange:
     Its owner calls `wait` and `step` in turn. Sending and receiving raise a BusError if the bus is
     lost.
     """
+
+    # of the heartbeat time-out: after a longer pause of this loop frames may have been dropped
+    EXCUSING_PAUSE = 0.5
+    _IGNORED: Route = (0, lambda _: None)
 
     def __init__(
         self,
@@ -139,7 +140,7 @@ class CyclicExchange:
     def _judge_pause(self, pause: float, now: float) -> None:
         """Stop the drives after a long pause of this loop [s], until a time [s]."""
         limit = self._settings.heartbeat_timeout
-        if pause > EXCUSING_PAUSE * limit:
+        if pause > self.EXCUSING_PAUSE * limit:
             # the drives are not silent, because their frames still wait
             for axis in self.group.axes:
                 axis.silence.excuse(now)
@@ -151,7 +152,7 @@ class CyclicExchange:
             self.stop_for(Cause(message, Remedy.COMPUTER))
 
     def _dispatch(self, frame: Frame) -> None:
-        least_length, receive = self._routes.get(frame.cob_id, _IGNORED)
+        least_length, receive = self._routes.get(frame.cob_id, self._IGNORED)
         if len(frame.data) >= least_length:
             cause = receive(frame)
             if cause is not None:

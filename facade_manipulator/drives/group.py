@@ -39,8 +39,6 @@ from facade_manipulator.drives.states import (
 )
 from facade_manipulator.errors import DriveStateError
 
-MAX_FURTHER_CAUSES = 8
-
 
 class Group:
     """
@@ -62,6 +60,8 @@ class Group:
         Axes that obeyed neither a quick stop nor the command that cuts the power.
 
     """
+
+    MAX_FURTHER_CAUSES = 8
 
     def __init__(self, axes: tuple[Axis, ...], settings: ControllerSettings) -> None:
         self.axes = axes
@@ -189,7 +189,7 @@ class Group:
         ):
             self.causes = (cause, *further)  # the later cause says why the drive fails
         elif cause not in self.causes:
-            self.causes = first + (*further, cause)[-MAX_FURTHER_CAUSES:]
+            self.causes = first + (*further, cause)[-self.MAX_FURTHER_CAUSES :]
         if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:
             self._begin(plans.STOP_AND_CUT_POWER, now)
         elif self.state is not GroupState.STOPPED:

@@ -25,17 +25,6 @@ from facade_manipulator.kinematics import Carriages, Geometry, Mechanism
 from facade_manipulator.kinematics.geometry import PerCarriage
 
 GEOMETRY_ROUNDING = 1e-6  # m
-UNLIMITED_STROKE = 50.0  # m, a stroke that limits no mechanism
-# of the search for a box in which the mechanism closes: sizes within the reach of a link and half
-# the platform, checked points of the border in a step, and along a side of the interior
-BOX_STEPS = 60
-BORDER_POINTS = 8
-INTERIOR_POINTS = 20
-NEIGHBOURS = (
-    (0, 2),
-    (2, 1),
-    (0, 1),
-)  # order on the rail is A1, A3, A2; the pair A1, A2 counts while A3 is not homed
 
 
 class MechanismCheck:
@@ -118,6 +107,12 @@ class Guard:
 
     """
 
+    NEIGHBOURS = (
+        (0, 2),
+        (2, 1),
+        (0, 1),
+    )  # order on the rail is A1, A3, A2; the pair A1, A2 counts while A3 is not homed
+
     def __init__(
         self, geometry: Geometry, separation: Separation, limit_margin: float
     ) -> None:
@@ -147,7 +142,7 @@ class Guard:
             self.check_targets(positions)
             return
         on_rail = self._on_rail(Carriages(*positions))
-        for left, right in NEIGHBOURS:
+        for left, right in self.NEIGHBOURS:
             distance = on_rail[right] - on_rail[left]
             if (
                 homed[left]
@@ -185,6 +180,14 @@ class Unguarded:
 
     def check_homing(self, positions: PerCarriage, homed: tuple[bool, ...]) -> None:
         """Accept all positions while the carriages home [m]."""
+
+
+UNLIMITED_STROKE = 50.0  # m, a stroke that limits no mechanism
+# of the search for a box in which the mechanism closes: sizes within the reach of a link and half
+# the platform, checked points of the border in a step, and along a side of the interior
+BOX_STEPS = 60
+BORDER_POINTS = 8
+INTERIOR_POINTS = 20
 
 
 @lru_cache

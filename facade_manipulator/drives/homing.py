@@ -20,17 +20,16 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.feedback import REST_SPEED
 from facade_manipulator.drives.states import Status
 
-_SUCCESS = Status.HOMING_ATTAINED | Status.TARGET_REACHED
-_OUTCOME = _SUCCESS | Status.HOMING_ERROR
 SETTLING_CYCLES = 5
 STEADY_TIME = 0.2  # s, of a success that was not seen clear, since the start
 HOME_TOLERANCE = 2  # counts, where the drive takes the present position as home
-HOME_NOISE = 0.001  # m, where it looks for a switch or a stop
 METHODS_AT_PRESENT_POSITION = frozenset({35, 37})
 
 
 class HomingBounds:
     """Bounds of the homing of one axis; the period is that of the cycle [s]."""
+
+    HOME_NOISE = 0.001  # m, where it looks for a switch or a stop
 
     def __init__(self, axis: AxisSettings, period: float) -> None:
         #: whether the carriage looks for a switch or a stop
@@ -41,7 +40,7 @@ class HomingBounds:
         if self.has_motion:
             speed = axis.homing_zero_share * axis.homing_speed
             braking = speed * period + speed**2 / (2.0 * axis.homing_acceleration)
-            self.tolerance = abs(axis.to_counts(HOME_NOISE + braking))
+            self.tolerance = abs(axis.to_counts(self.HOME_NOISE + braking))
         #: largest change of the position of a carriage at rest in one cycle [counts]
         self.most_at_rest = max(
             HOME_TOLERANCE, abs(axis.to_counts(REST_SPEED * period))
@@ -59,6 +58,9 @@ class Homing:
 
     The group calls `watch` while other ranks home, and then `advance` in each cycle.
     """
+
+    _SUCCESS = Status.HOMING_ATTAINED | Status.TARGET_REACHED
+    _OUTCOME = _SUCCESS | Status.HOMING_ERROR
 
     def __init__(
         self,
@@ -132,7 +134,7 @@ class Homing:
 
     def _shows_success(self, statusword: int) -> bool:
         if self._needs_bit_10:
-            return statusword & _OUTCOME == _SUCCESS
+            return statusword & self._OUTCOME == self._SUCCESS
         is_at_rest = self._cycles_at_rest >= SETTLING_CYCLES
         outcome = statusword & (Status.HOMING_ATTAINED | Status.HOMING_ERROR)
         return outcome == Status.HOMING_ATTAINED and is_at_rest
@@ -143,7 +145,7 @@ class Homing:
             failure = 'homing failed, the drive reports a homing error'
         elif self._cycles > self._bounds.most_cycles:
             failure = f'homing took longer than {self._bounds.timeout:g} s'
-            if statusword & _OUTCOME == Status.HOMING_ATTAINED:
+            if statusword & self._OUTCOME == Status.HOMING_ATTAINED:
                 failure += (
                     ', bit 12 is 1 (attained), but bit 10 is 0 (reached); if the drive never '
                     'sets bit 10, set quirks.homes_without_bit_10 in its profile'

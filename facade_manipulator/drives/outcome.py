@@ -18,10 +18,6 @@ from facade_manipulator.drives.snapshot import (
 from facade_manipulator.errors import joined, NEXT
 
 ERRORS = (ControllerState.STOPPED, ControllerState.BUS_LOST, ControllerState.LOST)
-WARNINGS = (ControllerState.HALTED, ControllerState.HALTING)
-# Share of LATE_WINDOW cycles. At 100 Hz without priority, on two processors: at most 0.2 % beside
-# idle programs; at least 0.8 % in each window with three late cycles in a row, beside busy ones
-MAX_LATE_SHARE = 0.005
 
 
 class NodeProblems(NamedTuple):
@@ -30,9 +26,6 @@ class NodeProblems(NamedTuple):
     last_failure: str = ''  #: message of the last request if it failed
     fault: str = ''  #: second publisher of a topic, with its next step
     forbidden: str = ''  #: why no drive may have power
-
-
-NO_PROBLEMS = NodeProblems()
 
 
 class DriverOutcome(NamedTuple):
@@ -50,6 +43,10 @@ class DriverOutcome(NamedTuple):
         """Return a text, and more texts with their own next steps, with the next step."""
         step = f'{NEXT}{self.next_step}' if self.next_step else ''
         return joined(text, *more, step)
+
+
+WARNINGS = (ControllerState.HALTED, ControllerState.HALTING)
+NO_PROBLEMS = NodeProblems()
 
 
 def outcome_of(
@@ -94,6 +91,11 @@ def outcome_of(
         level,
         message,
     )
+
+
+# Share of LATE_WINDOW cycles. At 100 Hz without priority, on two processors: at most 0.2 % beside
+# idle programs; at least 0.8 % in each window with three late cycles in a row, beside busy ones
+MAX_LATE_SHARE = 0.005
 
 
 def overload(snapshot: ControllerSnapshot) -> str:

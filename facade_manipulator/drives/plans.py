@@ -95,10 +95,6 @@ POWER_DOWN = (  # a drive may skip states while it powers down, not while it pow
 )
 _RAMP = _FOLLOW._replace(state=_END, purpose='come to rest', to_rest=True)
 DISABLE = (_RAMP, *POWER_DOWN)
-HALT_AXES = (
-    _RAMP._replace(state=GroupState.HALTED),
-    _FOLLOW._replace(state=GroupState.HALTED),
-)
 END_HOMING = (
     Step(
         _END,
@@ -123,8 +119,6 @@ HOME_AXES = (
     ),
     *END_HOMING,
 )
-# the drives first show the effect of the previous command, which is still on its way
-GIVE_UP_ENABLING = (OFF[0]._replace(state=_END, min_cycles=4), *OFF)
 _STOP = Step(
     GroupState.STOPPED,
     'stop',
@@ -167,6 +161,14 @@ def enable_plan(hold_cycles: int) -> Plan:
         state=GroupState.ACTIVATING, purpose='hold', min_cycles=hold_cycles
     )
     return *_power_on(Mode.CYCLIC_SYNCHRONOUS_POSITION), hold, *FOLLOW
+
+
+HALT_AXES = (
+    _RAMP._replace(state=GroupState.HALTED),
+    _FOLLOW._replace(state=GroupState.HALTED),
+)
+# the drives first show the effect of the previous command, which is still on its way
+GIVE_UP_ENABLING = (OFF[0]._replace(state=_END, min_cycles=4), *OFF)
 
 
 def halt_plan(step: Step, is_confirmed: bool) -> Plan | None:

@@ -23,7 +23,6 @@ from facade_manipulator.errors import file_sentence, NEXT, ParameterError
 from facade_manipulator.package_files import config_path
 from facade_manipulator.parameters import read_value
 
-_NUMBER = range(-(2**31), 2**32)
 _BOOLEAN = (False, True)
 
 
@@ -300,6 +299,9 @@ def _table(where: str, data: Any, names: Collection[str]) -> dict[str, Any]:
         for element in value if isinstance(value, list) else (value,):
             _checked(name, element)
     return data
+
+
+_NUMBER = range(-(2**31), 2**32)
 
 
 def _checked(name: str, value: Any) -> Any:

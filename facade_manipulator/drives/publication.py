@@ -24,15 +24,6 @@ from facade_manipulator.drives.snapshot import (
 if TYPE_CHECKING:
     from facade_manipulator.drives.controller import DriveController
 
-IDLE_PERIOD = 1.0  # s between two states without a bus
-NEXT_STEPS = {
-    ControllerState.UNCONFIGURED: 'configure, home, activate',
-    ControllerState.INACTIVE: 'activate',
-    ControllerState.HALTED: 'clear_faults',
-    ControllerState.ACTIVE: '',
-    ControllerState.CLOSED: '',
-}
-
 
 class Publication:
     """
@@ -41,6 +32,8 @@ class Publication:
     The controller asks in each turn whether a snapshot is due, and also renews it in each new
     state and when a request ends.
     """
+
+    IDLE_PERIOD = 1.0  # s between two states without a bus
 
     def __init__(self, settings: ControllerSettings) -> None:
         self.newest: ControllerSnapshot
@@ -65,7 +58,7 @@ class Publication:
         age = controller.now - self._renewed_at
         exchange = controller.bus.exchange
         if exchange is None:
-            return age >= IDLE_PERIOD
+            return age >= self.IDLE_PERIOD
         if not exchange.has_started:
             return age >= 1.0 / STATES_RATE
         return exchange.clock.statistics.cycles % self._every == 0
@@ -122,6 +115,15 @@ def present_state(controller: DriveController) -> ControllerState:
     if not bus.is_configured:
         return ControllerState.UNCONFIGURED
     return ControllerState(group.state.value)
+
+
+NEXT_STEPS = {
+    ControllerState.UNCONFIGURED: 'configure, home, activate',
+    ControllerState.INACTIVE: 'activate',
+    ControllerState.HALTED: 'clear_faults',
+    ControllerState.ACTIVE: '',
+    ControllerState.CLOSED: '',
+}
 
 
 def _next_step(controller: DriveController, state: ControllerState) -> str:

@@ -22,14 +22,7 @@ import sys
 
 from facade_manipulator.drives.controller_settings import ControllerSettings
 
-#: of a node: below that of the control loop, which must never wait for a node
-NODE_PRIORITY = 15
 LONGEST_RUN = 1  # s without a pause, after which a process loses its priority
-KILL_TIME = 3  # s without a pause, after which the kernel kills it
-_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
-_SWITCH_INTERVAL = (
-    0.0005  # s: a step may not wait for the interpreter's default of 5 ms
-)
 _PERMISSION = (
     'LimitRTPRIO=99 in the systemd service, or "@realtime - rtprio 99" in '
     '/etc/security/limits.d'
@@ -79,6 +72,10 @@ def _rejection(request: Callable[[], None], message: str) -> list[str]:
     return []
 
 
+#: of a node: below that of the control loop, which must never wait for a node
+NODE_PRIORITY = 15
+
+
 def request_node_priority() -> None:
     """
     Request a priority for the process of a node, unless it was started with one.
@@ -89,6 +86,9 @@ def request_node_priority() -> None:
         return
     with suppress(OSError, ValueError):
         set_priority(NODE_PRIORITY)
+
+
+KILL_TIME = 3  # s without a pause, after which the kernel kills the process
 
 
 def set_priority(priority: int) -> None:
@@ -135,6 +135,9 @@ def _give_up_priority(*_: object) -> None:
     )
 
 
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
+
+
 def _lock_memory() -> None:
     """Keep in memory each page that this process uses, from its first use."""
     flags = _MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT
@@ -146,6 +149,10 @@ def _lock_memory() -> None:
 def realtime_priority() -> int:
     """Return the real-time priority of the calling thread, 0 for none."""
     return os.sched_getparam(0).sched_priority
+
+
+# s: a step may not wait for the interpreter's default of 5 ms
+_SWITCH_INTERVAL = 0.0005
 
 
 def take_over_collector() -> None:

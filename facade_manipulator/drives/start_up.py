@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from facade_manipulator.drives.controller import DriveController
 
 LISTEN_PERIODS = 2  # of the heartbeats, before the first frame
-LONGEST_LISTENING = 5.0  # s, for a guarding or a SYNC of a drive with a long period
-SLOWEST = 20  # cycles in which each TPDO is sent once at 200 Hz; step_timeout covers faster rates
 
 
 def require_unused(
@@ -49,6 +47,9 @@ def require_unused(
         )
     guard_time = max(axis.sdo.guard_time for axis in axes)
     yield from _listen(exchange, LISTEN_PERIODS * guard_time)
+
+
+LONGEST_LISTENING = 5.0  # s, for a guarding or a SYNC of a drive with a long period
 
 
 def _listen(exchange: CyclicExchange, seconds: float) -> Steps[None]:
@@ -128,6 +129,9 @@ def start_nodes(controller: DriveController) -> Steps[None]:
         controller.settings.step_timeout,
         'did not confirm with its heartbeat that it is operational',
     )
+
+
+SLOWEST = 20  # cycles in which each TPDO is sent once at 200 Hz; step_timeout covers faster rates
 
 
 def start_cycle(controller: DriveController, exchange: CyclicExchange) -> Steps[None]:

@@ -33,29 +33,16 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
 
-MEASURED_SHARE = (
-    0.25  # share of the free gap by which measured carriages may be too near
-)
-SEARCHED_SPEEDS = (
-    41  # number of speeds in the search; twice as many change the distance by 0.1 mm
-)
-SEPARATION_MARGIN = 0.001  # m, for the speed that a carriage gains before it brakes
-CYCLES_TO_STOP = (
-    2  # a report just after one SYNC is answered after the next, and latched then
-)
-MIN_SPEED = 0.01  # m/s, that must remain for carriages at their minimum gap
-WINDOW_SHARE = (
-    0.75  # of the free distance between carriages, at most, may one lag undetected
-)
-BOUND_ROUNDING = 1e-9  # m, m/s, m/s²
+# share of the free gap by which measured carriages may be too near
+MEASURED_SHARE = 0.25
 # of the emergency stop
 SCATTER = 0.2  # share of the coasting deceleration, up or down: friction varies along the rail
-LOAD = (
-    0.7  # deceleration with the heaviest load, as a share of that of an empty machine
-)
 INPUT_SPREAD = 0.005  # s, maximum time between the quick-stop inputs of three drives
 RELAY_SPREAD = 0.01  # s, maximum time between their STO inputs
-TABLE_SPEEDS = 5  # number of speeds in the table
+
+
+# number of speeds in the search; twice as many change the distance by 0.1 mm
+SEARCHED_SPEEDS = 41
 
 
 def least_distance(
@@ -131,6 +118,9 @@ def overshoot(speed: float, acceleration: float, deceleration: float) -> float:
     return max(0.0, 0.5 * speed**2 * (1.0 / deceleration - 1.0 / acceleration))
 
 
+SEPARATION_MARGIN = 0.001  # m, for the speed that a carriage gains before it brakes
+
+
 class Separation(NamedTuple):
     """
     Maximum speed of carriages for each distance, so that none hits a neighbour that stops at once.
@@ -201,6 +191,15 @@ class EmergencyStop(NamedTuple):
 class StoppingAnalysis:
     """Worst outcome of each failure; of axes that differ, the weakest counts."""
 
+    # a report just after one SYNC is answered after the next, and latched then
+    CYCLES_TO_STOP = 2
+    MIN_SPEED = 0.01  # m/s, that must remain for carriages at their minimum gap
+    # of the free distance between carriages, at most, may one lag undetected
+    WINDOW_SHARE = 0.75
+    BOUND_ROUNDING = 1e-9  # m, m/s, m/s²
+    LOAD = 0.7  # deceleration with the heaviest load, as a share of that of an empty machine
+    TABLE_SPEEDS = 5  # number of speeds in the table
+
     geometry: Geometry
     limits: MotionLimits
     axes: tuple[AxisSettings, ...]
@@ -217,7 +216,7 @@ class StoppingAnalysis:
     def separation(self) -> Separation:
         """Return the limit of the carriages' speed for their distance."""
         axes, geometry, controller = self.axes, self.geometry, self.controller
-        reported = CYCLES_TO_STOP * controller.period + controller.drive_lag
+        reported = self.CYCLES_TO_STOP * controller.period + controller.drive_lag
         return Separation(
             touching=geometry.carriage_length,
             deceleration=min(axis.stop_deceleration for axis in axes),
@@ -240,7 +239,7 @@ class StoppingAnalysis:
                 ('all three brake at once', 0.0),
                 (
                     'one brakes independently and reports',
-                    CYCLES_TO_STOP * self.controller.period,
+                    self.CYCLES_TO_STOP * self.controller.period,
                 ),
             )
             for distance in [
@@ -295,18 +294,18 @@ class StoppingAnalysis:
                 'axes.following_error_window',
                 separation.window,
                 'm',
-                f'{WINDOW_SHARE:g} of geometry.carriage_gap less carriage_length',
-                WINDOW_SHARE * (gap - touching),
+                f'{self.WINDOW_SHARE:g} of geometry.carriage_gap less carriage_length',
+                self.WINDOW_SHARE * (gap - touching),
                 'reduce axes.following_error_window',
             ),
             (
                 'the speed that must remain for carriages at geometry.carriage_gap',
-                MIN_SPEED,
+                self.MIN_SPEED,
                 'm/s',
                 'the speed at which a stopped neighbour is not hit',
                 separation.speed(gap),
                 'increase geometry.carriage_gap to at least '
-                f'{separation.distance(MIN_SPEED):.3g} m',
+                f'{separation.distance(self.MIN_SPEED):.3g} m',
             ),
             *(
                 (
@@ -321,7 +320,7 @@ class StoppingAnalysis:
                 for one in self.outcomes
             ),
         ):
-            if value > bound + BOUND_ROUNDING:
+            if value > bound + self.BOUND_ROUNDING:
                 raise ParameterError(
                     f'{quantity} = {value:.3g} {unit} is above {bound_name} = '
                     f'{bound:.3g} {unit}; next: {remedy}'
@@ -335,11 +334,11 @@ class StoppingAnalysis:
         SS1-t (stop category 1) all drives brake through their quick-stop inputs before they lose
         power.
         """
-        braking = LOAD * self.separation.deceleration
+        braking = self.LOAD * self.separation.deceleration
         slowest_coasting = (1.0 - SCATTER) * coasting
         rows = []
-        for number in range(1, TABLE_SPEEDS + 1):
-            speed = self.limits.speed * number / TABLE_SPEEDS
+        for number in range(1, self.TABLE_SPEEDS + 1):
+            speed = self.limits.speed * number / self.TABLE_SPEEDS
             rows.append(
                 EmergencyStop(
                     speed,
@@ -354,7 +353,7 @@ class StoppingAnalysis:
     @property
     def sto_delay(self) -> float:
         """Return the time from quick-stop inputs to STO [s], in which the heaviest load stops."""
-        slowest = self.limits.speed / (LOAD * self.separation.deceleration)
+        slowest = self.limits.speed / (self.LOAD * self.separation.deceleration)
         delay = slowest + self.controller.drive_lag + INPUT_SPREAD
         return math.ceil(100.0 * delay) / 100.0
 

@@ -11,10 +11,6 @@ from facade_manipulator.canopen import cob_ids, nmt
 from facade_manipulator.canopen.bus import BusCongestedError, CanBus
 from facade_manipulator.canopen.clock import Clock
 
-LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
-_HEARTBEAT = cob_ids.HEARTBEAT + cob_ids.MASTER_NODE_ID
-_OPERATIONAL = nmt.heartbeat('OPERATIONAL')
-
 
 class Transmitter:
     """
@@ -24,6 +20,10 @@ class Transmitter:
     next cycle has newer ones. Network management commands wait for room. Sending raises a
     BusError if the bus is lost, or the queue is full for `LONGEST_UNSENT`.
     """
+
+    LONGEST_UNSENT = 0.2  # s, without a frame sent: the bus is lost
+    _HEARTBEAT = cob_ids.HEARTBEAT + cob_ids.MASTER_NODE_ID
+    _OPERATIONAL = nmt.heartbeat('OPERATIONAL')
 
     def __init__(self, bus: CanBus, clock: Clock, heartbeat_period: float) -> None:
         self._bus = bus
@@ -47,7 +47,7 @@ class Transmitter:
         """Send the heartbeat if it is due at a time [s]."""
         if now >= self.next_heartbeat:
             self.next_heartbeat = now + self._heartbeat_period
-            self.send(_HEARTBEAT, _OPERATIONAL)
+            self.send(self._HEARTBEAT, self._OPERATIONAL)
 
     def send(self, cob_id: int, data: bytes = b'') -> None:
         """Send a frame, or drop it if the queue is full."""
@@ -73,7 +73,7 @@ class Transmitter:
         except BusCongestedError:
             now = self._now()
             self._full_since = min(self._full_since, now)
-            if now - self._full_since >= LONGEST_UNSENT:
+            if now - self._full_since >= self.LONGEST_UNSENT:
                 raise
             return False
         self._full_since = math.inf

@@ -14,10 +14,6 @@ from facade_manipulator.errors import DriveError, joined
 if TYPE_CHECKING:
     from facade_manipulator.drives.controller import DriveController
 
-TURN_TIMEOUT = (
-    25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
-)
-
 
 def until(controller: DriveController, *states: GroupState) -> Steps[None]:
     """
@@ -48,6 +44,10 @@ def until_all(
             drives = ' and '.join(missing)
             raise DriveError(f'{drives} {failure} (waited {timeout:g} s)')
         yield
+
+
+# s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
+TURN_TIMEOUT = 25.0
 
 
 def each(
