@@ -2,9 +2,19 @@
 
 import subprocess
 import sys
+import time
 
-from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.control_loop.loop_client import LoopClient
+from facade_manipulator.motion.setpoints import Setpoint
+from facade_manipulator.nodes import driver
 from facade_manipulator.nodes.run import run
+
+
+class ObservedClient(LoopClient):
+    """Client that adds to each setpoint the time at which it is passed to the loop [s]."""
+
+    def send_setpoint(self, setpoint: Setpoint) -> None:
+        self._channel.send('setpoint', *setpoint, time.time())
 
 
 def launch(*ends):
@@ -16,4 +26,5 @@ def launch(*ends):
 
 
 if __name__ == '__main__':
-    sys.exit(run(lambda: [DriverNode(launch=launch)]))
+    driver.LoopClient = ObservedClient
+    sys.exit(run(lambda: [driver.DriverNode(launch=launch)]))

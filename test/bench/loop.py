@@ -21,6 +21,7 @@ class ObservedLoop(program.ControlLoop):
         self._latencies = []
         self._messages = 0.0  # processor time of the messages [s]
         self._feeds = 0
+        self._read_begin = 0.0  # of the present turn [s, system clock]
 
     def _feed(self):
         super()._feed()
@@ -28,11 +29,19 @@ class ObservedLoop(program.ControlLoop):
         if self._feeds == 2:  # the node runs: the first feed is that of the loop itself
             self._get_ready()
 
-    def _add_setpoint(self, meant, *rest):
-        super()._add_setpoint(meant, *rest)
-        self._latencies.append(time.time() - meant + HORIZON)
+    def _add_setpoint(self, meant, position, velocity, sent):
+        """
+        Add the time from the source to the loop, and that of reading.
+
+        The wait for the next turn is not part of it: the step that uses the setpoint is the same,
+        and the empty relay has no cycle.
+        """
+        super()._add_setpoint(meant, position, velocity)
+        reading = time.time() - self._read_begin
+        self._latencies.append(sent - meant + HORIZON + reading)
 
     def _read(self):
+        self._read_begin = time.time()
         begin = time.thread_time()
         super()._read()
         self._messages += time.thread_time() - begin
