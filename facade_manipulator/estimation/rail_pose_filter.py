@@ -335,16 +335,25 @@ class DisturbanceEstimator:
             value, by_state[axis] = sensor.expect(values, 0.0)
             pose.append(value)
 
-        # velocity of the middle along the axes of the rail: R(ψ)ᵀ v + ψ̇ × lever
-        x, y, _ = self._middle[X].lever
+        # velocity of the middle along the axes of the rail: R(ψ)ᵀ v + ω × lever
+        x, y, z = self._middle[X].lever
         cosine = math.cos(pose[YAW])
         sine = math.sin(pose[YAW])
         by_state[3, rail_pose_model.RATES] = (cosine, sine, -y)
         by_state[4, rail_pose_model.RATES] = (-sine, cosine, x)
         by_state[5, rail_pose_model.RATES] = (0.0, 0.0, 1.0)
-        twist = (by_state[3:] @ mean).tolist()
+        # The IMU measures ω_x and ω_y, which are not states. Without it their mean is 0.
+        rate_x = 0.0
+        rate_y = 0.0
+        with_imu, without_imu = self._process.tilt_rate_variances
+        if step.imu:
+            rate_x, rate_y, *_ = step.imu
+            by_state[3, rail_pose_model.GYROSCOPE_Y] = -z
+            by_state[4, rail_pose_model.GYROSCOPE_X] = z
+        twist = (by_state[3:] @ mean + (z * rate_y, -z * rate_x, 0.0)).tolist()
 
         both = by_state @ covariance @ by_state.T
+        both[[3, 4], [3, 4]] += z**2 * (with_imu if step.imu else without_imu)
         for axis in {X, Y, YAW} - self.started:
             both[axis, axis] += 10.0 * self.GIVEN_UP[axis]
         return RailMotion(

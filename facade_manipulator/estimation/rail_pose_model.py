@@ -146,6 +146,12 @@ class Process:
             self.BANDWIDTH * imu.accelerometer_noise
         ) ** 2
 
+        #: variances of the tilt rates [rad²/s²], measured by the IMU and without it
+        self.tilt_rate_variances = (
+            self.BANDWIDTH * imu.gyroscope_noise**2,
+            (self.TILT / self.TILT_TIME) ** 2,
+        )
+
     def initial_state(self) -> FilterState:
         """Return the state before the first measurement."""
         return FilterState(np.zeros(len(self._variances)), np.diag(self._variances))
@@ -290,24 +296,24 @@ class WallSensor(ABC):
         later -= delay
         yaw += later * yaw_rate
 
-        # pose of the sensor: p + R(ψ) lever, and the lever's z times the tilts
+        # pose of the sensor: p + R(ψ) (lever + tilts × lever)
         sx, sy, sz = self.lever
+        sx += tilt_y * sz
+        sy -= tilt_x * sz
         cosine = math.cos(yaw)
         sine = math.sin(yaw)
         along = cosine * sx - sine * sy
         across = sine * sx + cosine * sy
         expected, (by_x, by_y, by_yaw) = self.observe(
-            x + later * vx + along + tilt_y * sz,
-            y + later * vy + across - tilt_x * sz,
-            yaw,
+            x + later * vx + along, y + later * vy + across, yaw
         )
         by_yaw += by_y * along - by_x * across  # of the IMU
 
         jacobian = np.zeros(len(mean))
         jacobian[[X, Y, YAW]] = (by_x, by_y, by_yaw)
         jacobian[RATES] = (later * by_x, later * by_y, later * by_yaw)
-        jacobian[TILT_X] = -sz * by_y
-        jacobian[TILT_Y] = sz * by_x
+        jacobian[TILT_X] = sz * (sine * by_x - cosine * by_y)
+        jacobian[TILT_Y] = sz * (cosine * by_x + sine * by_y)
         by_delay = -by_x * vx - by_y * vy - by_yaw * yaw_rate
         jacobian[own] = (1.0, by_delay)[: len(self.states)]
         return expected + place, jacobian
