@@ -1,0 +1,133 @@
+"""Sensors of a rail at rest that are silent, and then measure the wall or something else."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+import pytest
+from sensor_record import SETUP, START
+
+from facade_manipulator.estimation.rail_pose_filter import (
+    DisturbanceEstimator,
+    RailMotion,
+)
+from facade_manipulator.kinematics import GRAVITY
+
+STEP = 0.005  # s, of the IMU
+RANGE_STEPS = 2  # between two distances
+FIX_STEPS = 6  # between two fixes
+LOSS = 8.0  # s, begin of the outages
+PANE = 0.3  # m, behind the wall
+RECESS = 0.06  # m, behind the wall
+Y = 1  # index of the axis
+
+
+@dataclass
+class Sensors:
+    """Sensors of a rail at rest, by the time since `START` [s]."""
+
+    seed: int = 1
+    #: whether the distance sensors measure
+    is_measured: Callable[[float], bool] = lambda time: True
+    #: depth of the surface behind the wall [m]
+    depth: Callable[[float], float] = lambda time: 0.0
+    imu_end: float = math.inf  #: s
+    times: list[float] = field(default_factory=list)  #: of the estimates [s]
+    motions: list[RailMotion] = field(default_factory=list)
+    events: list[str] = field(default_factory=list)  #: after the start of the axes
+
+    def run(self, duration: float) -> None:
+        """Run the estimator for a time [s]."""
+        random = np.random.default_rng(self.seed)
+        estimator = DisturbanceEstimator(SETUP)
+        wall = SETUP.wall.distance
+        rate_noise = SETUP.imu.gyroscope_noise / math.sqrt(STEP)
+        force_noise = SETUP.imu.accelerometer_noise / math.sqrt(STEP)
+        rate_bias = 1e-3 * random.standard_normal(3)  # rad/s
+        force_bias = 0.02 * random.standard_normal(3) + (0.0, 0.0, GRAVITY)  # m/s²
+        for number in range(round(duration / STEP)):
+            time = number * STEP
+            now = START + time
+            if time < self.imu_end:
+                rates = rate_bias + rate_noise * random.standard_normal(3)
+                forces = force_bias + force_noise * random.standard_normal(3)
+                estimator.add_imu(now, now, rates, forces)
+            if number % FIX_STEPS == 0:
+                estimator.add('fix_x', now, now, 3e-4 * random.standard_normal())
+            if number % RANGE_STEPS == 0:
+                for name in SETUP.distances:
+                    distance = wall + self.depth(time)
+                    distance += 2e-4 * random.standard_normal()
+                    if self.is_measured(time):
+                        estimator.add(name, now, now, distance)
+                motion = estimator.advance(now)
+                if motion is not None:
+                    self.times.append(time)
+                    self.motions.append(motion)
+        for event in estimator.events:
+            if event.stamp > START + 2.0:
+                self.events.append(event.text)
+
+    def y(self, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the errors of y and their published standard deviations in a time [m]."""
+        inside = []
+        for time, motion in zip(self.times, self.motions, strict=True):
+            if begin <= time < end:
+                inside.append((motion.pose.y, math.sqrt(motion.covariance[Y, Y])))
+        errors, deviations = np.transpose(inside)
+        return errors, deviations
+
+
+def lost(begin: float, end: float) -> Callable[[float], bool]:
+    """Return the visibility of the wall with an outage [s]."""
+    return lambda time: not begin <= time < end
+
+
+def surface(depth: float, *times: tuple[float, float]) -> Callable[[float], float]:
+    """Return the depth [m] of a surface that is measured in some spans of time [s]."""
+
+    def at(time: float) -> float:
+        return depth if any(begin <= time < end for begin, end in times) else 0.0
+
+    return at
+
+
+@pytest.mark.parametrize(
+    'panes',
+    [
+        ((LOSS + 1.1, LOSS + 1.12),),
+        ((LOSS - 0.02, LOSS), (LOSS + 1.1, LOSS + 1.3)),
+    ],
+    ids=['after', 'before_and_after'],
+)
+def test_panes_around_an_outage_do_not_restart_the_axis(panes):
+    sensors = Sensors(is_measured=lost(LOSS, LOSS + 1.1), depth=surface(PANE, *panes))
+    sensors.run(LOSS + 2.0)
+    errors, deviations = sensors.y(LOSS, LOSS + 2.0)
+    assert not any('restarted' in event for event in sensors.events)
+    assert (np.abs(errors) < 4.0 * deviations).all()
+    assert deviations.max() < 5e-3
+
+
+def test_recess_after_an_outage_of_a_second_becomes_a_level():
+    sensors = Sensors(
+        is_measured=lost(LOSS, LOSS + 1.0), depth=surface(RECESS, (LOSS, LOSS + 3.0))
+    )
+    sensors.run(LOSS + 3.0)
+    assert not any('restarted' in event for event in sensors.events)
+    assert any('new level at +' in event for event in sensors.events)
+    assert np.abs(sensors.y(LOSS, LOSS + 3.0)[0]).max() < 5e-3
+
+
+def test_axis_restarts_after_a_second_of_rejections():
+    """Let all distances differ for 1.5 s, so that no level is found."""
+
+    def depth(time):
+        return PANE + math.fmod(1e3 * time, 1.0) + 10.0 * (time - LOSS)
+
+    sensors = Sensors(depth=lambda time: depth(time) if LOSS < time < 9.5 else 0.0)
+    sensors.run(LOSS + 3.0)
+    restart = 'y, theta: restarted: no measurement was accepted for 1 s'
+    assert sensors.events[0] == restart
+    assert np.abs(sensors.y(LOSS + 2.5, LOSS + 3.0)[0]).max() < 1e-3
