@@ -58,7 +58,7 @@ class DisturbanceEstimator:
     # m², m², rad²: above these variances x, y and yaw count as unknown; ten times as much is then
     # published
     GIVEN_UP = (0.1, 0.1, 0.01)
-    LOST = 1.0  # s without an accepted measurement, after which an axis restarts
+    LOST = 1.0  # s of rejected measurements, after which an axis restarts
     # s without a measurement of the IMU, after which the filter coasts
     IMU_SILENCE = 0.1
 
@@ -266,7 +266,7 @@ class DisturbanceEstimator:
             channel.sensor.distance = channel.sensor.distance or sensor.distance
             if not set(sensor.axes).isdisjoint(channel.sensor.axes):
                 channel.first = start.FirstMeasurements()
-                channel.fitted = self._now
+                channel.accept(self._now)
 
     def _place_before_wall(
         self, state: rail_pose_model.FilterState, ready: Sequence[Channel]
@@ -318,10 +318,14 @@ class DisturbanceEstimator:
                 self.started.difference_update(axes)
 
     def _is_locked_out(self, axis: int) -> bool:
-        """Return whether all measurements of an axis have been rejected for `LOST` [s]."""
+        """
+        Return whether all measurements of an axis have been rejected for `LOST` [s].
+
+        A silence does not count: the variance then grows up to `GIVEN_UP`.
+        """
         channels = [one for one in self.channels.values() if axis in one.sensor.axes]
-        is_measured = any(one.stamp - one.fitted > self.LOST for one in channels)
-        return is_measured and all(
+        is_rejected = any(one.rejected_for > self.LOST for one in channels)
+        return is_rejected and all(
             self._now - one.fitted > self.LOST for one in channels
         )
 

@@ -68,6 +68,8 @@ class Channel:
         self.stamp = -math.inf  #: of the newest measurement [s]
         #: of the newest measurement that belonged to a level [s]
         self.fitted = -math.inf
+        self.rejected_for = 0.0  #: time since then without silences [s]
+        self._decided = -math.inf  # stamp of the newest measurement with a level [s]
         # stamp, residual (NaN: accepted)
         self._recent: deque[tuple[float, float]] = deque()
 
@@ -112,13 +114,15 @@ class Channel:
         rest = residual - level.offset
         gate = self.COASTING_GATE if is_coasting else self.GATE
         fits = abs(rest) <= gate * deviation
+        elapsed = stamp - self._decided
+        self._decided = stamp
         self._recent.append((stamp, math.nan if fits else residual))
         while stamp - self._recent[0][0] > self.LEVEL_SPAN * 1.2:
             self._recent.popleft()
 
         if fits:
             self.counts['used' if level.offset == 0.0 else 'other level'] += 1
-            self.fitted = stamp
+            self.accept(stamp)
             self.square = _mean(self.square, (rest / deviation) ** 2)
             level.count += 1
             level.offset += rest / level.count
@@ -126,6 +130,8 @@ class Channel:
             return ''
 
         self.counts['outlier'] += 1
+        if elapsed <= self.LEVEL_SPAN:
+            self.rejected_for += elapsed
         measurement.level = OUTLIER
         agreed = self._agreed_residual()
         if agreed is None:
@@ -137,8 +143,13 @@ class Channel:
             return f'measurements agree with each other, {1e3 * distance:.1f} mm off the estimate'
         self._add_level(agreed)
         measurement.level = agreed
-        self.fitted = stamp
+        self.accept(stamp)
         return f'new level at {1e3 * agreed:+.1f} mm'
+
+    def accept(self, stamp: float) -> None:
+        """Record that a measurement belongs to a level or starts an axis, at a stamp [s]."""
+        self.fitted = stamp
+        self.rejected_for = 0.0
 
     def _add_level(self, offset: float) -> None:
         """Add a level at an offset [m]; the oldest found one makes room for it."""
