@@ -20,7 +20,8 @@ FIX_STEPS = 6  # between two fixes
 LOSS = 8.0  # s, begin of the outages
 PANE = 0.3  # m, behind the wall
 RECESS = 0.06  # m, behind the wall
-Y = 1  # index of the axis
+X = 0  # index of the axis
+Y = 1
 
 
 @dataclass
@@ -32,6 +33,10 @@ class Sensors:
     is_measured: Callable[[float], bool] = lambda time: True
     #: depth of the surface behind the wall [m]
     depth: Callable[[float], float] = lambda time: 0.0
+    #: whether the mark is measured
+    is_mark_seen: Callable[[float], bool] = lambda time: True
+    #: place of the measured mark along the wall [m]
+    mark: Callable[[float], float] = lambda time: 0.0
     imu_end: float = math.inf  #: s
     times: list[float] = field(default_factory=list)  #: of the estimates [s]
     motions: list[RailMotion] = field(default_factory=list)
@@ -54,7 +59,9 @@ class Sensors:
                 forces = force_bias + force_noise * random.standard_normal(3)
                 estimator.add_imu(now, now, rates, forces)
             if number % FIX_STEPS == 0:
-                estimator.add('fix_x', now, now, 3e-4 * random.standard_normal())
+                place = self.mark(time) + 3e-4 * random.standard_normal()
+                if self.is_mark_seen(time):
+                    estimator.add('fix_x', now, now, place)
             if number % RANGE_STEPS == 0:
                 for name in SETUP.distances:
                     distance = wall + self.depth(time)
@@ -69,12 +76,22 @@ class Sensors:
             if event.stamp > START + 2.0:
                 self.events.append(event.text)
 
+    def x(self, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the errors of x and their published standard deviations in a time [m]."""
+        return self._axis(X, begin, end)
+
     def y(self, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the errors of y and their published standard deviations in a time [m]."""
+        return self._axis(Y, begin, end)
+
+    def _axis(
+        self, axis: int, begin: float, end: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         inside = []
         for time, motion in zip(self.times, self.motions, strict=True):
             if begin <= time < end:
-                inside.append((motion.pose.y, math.sqrt(motion.covariance[Y, Y])))
+                deviation = math.sqrt(motion.covariance[axis, axis])
+                inside.append((motion.pose[axis], deviation))
         errors, deviations = np.transpose(inside)
         return errors, deviations
 
@@ -131,3 +148,39 @@ def test_axis_restarts_after_a_second_of_rejections():
     restart = 'y, theta: restarted: no measurement was accepted for 1 s'
     assert sensors.events[0] == restart
     assert np.abs(sensors.y(LOSS + 2.5, LOSS + 3.0)[0]).max() < 1e-3
+
+
+@pytest.mark.parametrize('outage', [0.5, 1.0, 1.5])
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_level_found_after_an_outage_keeps_its_uncertainty(outage, seed):
+    back = LOSS + outage
+    sensors = Sensors(
+        seed,
+        is_measured=lost(LOSS, back),
+        depth=surface(RECESS, (LOSS, LOSS + 4.0), (LOSS + 5.0, LOSS + 7.0)),
+    )
+    sensors.run(LOSS + 7.0)
+    _, before = sensors.y(LOSS, back)
+    (event,) = sensors.events  # the wall itself is not another level
+    assert 'new level at +' in event
+
+    errors, deviations = sensors.y(back, LOSS + 4.0)
+    assert (np.abs(errors) < 3.5 * deviations).all()
+    assert deviations.min() > 0.9 * before[-1]
+
+    # the wall ends the uncertainty, and then the level is found anew
+    for begin in (LOSS + 4.2, LOSS + 5.5):
+        errors, deviations = sensors.y(begin, begin + 0.8)
+        assert (np.abs(errors) < 3.5 * deviations).all()
+        assert deviations.max() < 5e-4
+
+
+def test_mark_found_after_an_outage_keeps_its_uncertainty():
+    sensors = Sensors(
+        is_mark_seen=lost(LOSS, LOSS + 1.0), mark=surface(0.3, (LOSS, LOSS + 4.0))
+    )
+    sensors.run(LOSS + 4.0)
+    _, before = sensors.x(LOSS, LOSS + 1.0)
+    errors, deviations = sensors.x(LOSS + 1.0, LOSS + 4.0)
+    assert (np.abs(errors) < 3.5 * deviations).all()
+    assert deviations.min() > 0.9 * before[-1]
