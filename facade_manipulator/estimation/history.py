@@ -30,6 +30,7 @@ class Measurement:
     variance: float
     #: of the wall [m], infinite for an outlier; NaN is undecided
     level: float = math.nan
+    level_variance: float = 0.0  #: of the offset of the level [m²]
     spread: float = 0.0  #: standard deviation that the state gains instead of an update
 
 

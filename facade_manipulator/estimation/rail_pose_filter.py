@@ -221,7 +221,8 @@ class DisturbanceEstimator:
             expected, jacobian = channel.sensor.expect(state.mean.tolist(), later)
             # dot() takes half the time of @ for vectors
             cross = state.covariance.dot(jacobian)
-            variance = max(float(cross.dot(jacobian)), 0.0) + measurement.variance
+            known = max(float(cross.dot(jacobian)), 0.0)
+            variance = known + measurement.variance
             residual = measurement.value - expected
             if math.isnan(measurement.level):
                 deviation = math.sqrt(variance)
@@ -230,7 +231,12 @@ class DisturbanceEstimator:
                     self._note(measurement.sensor, event)
             if measurement.level != OUTLIER:
                 residual -= measurement.level
-                return rail_pose_model.update(state, cross, variance, residual)
+                excess = known - measurement.level_variance
+                if excess <= 0.0:
+                    return state
+                # the share of the reduction known² / variance that leaves the level's variance
+                share = min(excess * variance / known**2, 1.0)
+                return rail_pose_model.update(state, cross, variance, residual, share)
 
         if measurement.spread:
             covariance = state.covariance.copy()

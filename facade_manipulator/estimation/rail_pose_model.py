@@ -69,15 +69,20 @@ class SensorState(NamedTuple):
 
 
 def update(
-    state: FilterState, cross: np.ndarray, variance: float, residual: float
+    state: FilterState,
+    cross: np.ndarray,
+    variance: float,
+    residual: float,
+    share: float = 1.0,
 ) -> FilterState:
     """
     Return the state after a scalar measurement.
 
-    `cross` is P Hᵀ, the covariance of state and measurement; `variance` is H P Hᵀ + R.
+    `cross` is P Hᵀ, the covariance of state and measurement; `variance` is H P Hᵀ + R. The
+    covariance is reduced by a share of what independent measurements would allow.
     """
     mean = state.mean + cross * (residual / variance)
-    reduction = np.multiply.outer(cross, cross / variance)
+    reduction = np.multiply.outer(cross, cross * (share / variance))
     return FilterState(mean, state.covariance - reduction)
 
 

@@ -27,10 +27,27 @@ OUTLIER = math.inf
 
 @dataclass
 class Level:
-    """Surface, such as a recess or a mullion, at an offset [m] behind the wall."""
+    """
+    Surface, such as a recess or a mullion, at an offset [m] behind the wall.
+
+    The offset of a found level contains the error of the state at that time. Therefore its
+    measurements reduce the variance of the state at most to that of the offset.
+    """
 
     offset: float
-    count: float = math.inf  #: number of averaged measurements; infinite if configured
+    variance: float = 0.0  #: of the offset [m²]; 0 if configured
+
+    def correct(self, rest: float, known: float, noise: float) -> None:
+        """
+        Correct the offset with a measurement if the state is known much better.
+
+        The rest is the measurement less its expectation at this level [m]. The variances are
+        those of the expectation and of the measurement [m²].
+        """
+        if known < 0.5 * self.variance:
+            gain = self.variance / (self.variance + known + noise)
+            self.offset += gain * rest
+            self.variance = max(known, (1.0 - gain) * self.variance)
 
 
 class Channel:
@@ -112,6 +129,8 @@ class Channel:
         stamp = measurement.stamp
         level = min(self.levels, key=lambda one: abs(residual - one.offset))
         rest = residual - level.offset
+        known = max(deviation**2 - measurement.variance, 0.0)  # variance by the state
+        deviation = math.sqrt(deviation**2 + level.variance)
         gate = self.COASTING_GATE if is_coasting else self.GATE
         fits = abs(rest) <= gate * deviation
         elapsed = stamp - self._decided
@@ -124,9 +143,9 @@ class Channel:
             self.counts['used' if level.offset == 0.0 else 'other level'] += 1
             self.accept(stamp)
             self.square = _mean(self.square, (rest / deviation) ** 2)
-            level.count += 1
-            level.offset += rest / level.count
             measurement.level = level.offset
+            measurement.level_variance = level.variance
+            level.correct(rest, known, measurement.variance)
             return ''
 
         self.counts['outlier'] += 1
@@ -141,8 +160,10 @@ class Channel:
         if distance <= max(self._tolerance, self.NEW_LEVEL * deviation):
             measurement.spread = distance
             return f'measurements agree with each other, {1e3 * distance:.1f} mm off the estimate'
-        self._add_level(agreed)
-        measurement.level = agreed
+        found = Level(agreed, known + measurement.variance / self.FEWEST_AGREEING)
+        self._add_level(found)
+        measurement.level = found.offset
+        measurement.level_variance = found.variance
         self.accept(stamp)
         return f'new level at {1e3 * agreed:+.1f} mm'
 
@@ -151,11 +172,11 @@ class Channel:
         self.fitted = stamp
         self.rejected_for = 0.0
 
-    def _add_level(self, offset: float) -> None:
-        """Add a level at an offset [m]; the oldest found one makes room for it."""
-        self.levels.append(Level(offset, 1))
+    def _add_level(self, level: Level) -> None:
+        """Add a found level; the oldest one makes room for it."""
+        self.levels.append(level)
         if len(self.levels) > self.MOST:
-            found = [one for one in self.levels if one.count < math.inf]
+            found = [one for one in self.levels if one.variance > 0.0]
             self.levels.remove(found[0])
 
     def _agreed_residual(self) -> float | None:
