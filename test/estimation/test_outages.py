@@ -6,15 +6,20 @@ import math
 
 import numpy as np
 import pytest
-from sensor_record import SETUP, START
+from sensor_record import replace, SETUP, START
 
+from facade_manipulator.estimation.estimator_settings import PoseFixSettings
 from facade_manipulator.estimation.rail_pose_filter import (
     DisturbanceEstimator,
     RailMotion,
 )
-from facade_manipulator.kinematics import GRAVITY
+from facade_manipulator.kinematics import GRAVITY, Pose
 
 STEP = 0.005  # s, of the IMU
+RATE_NOISE = SETUP.imu.gyroscope_noise / math.sqrt(STEP)  # rad/s
+FORCE_NOISE = SETUP.imu.accelerometer_noise / math.sqrt(STEP)  # m/s²
+RANGE_NOISE = 2e-4  # m
+FIX_NOISE = 3e-4  # m
 RANGE_STEPS = 2  # between two distances
 FIX_STEPS = 6  # between two fixes
 LOSS = 8.0  # s, begin of the outages
@@ -46,35 +51,43 @@ class Sensors:
         """Run the estimator for a time [s]."""
         random = np.random.default_rng(self.seed)
         estimator = DisturbanceEstimator(SETUP)
-        wall = SETUP.wall.distance
-        rate_noise = SETUP.imu.gyroscope_noise / math.sqrt(STEP)
-        force_noise = SETUP.imu.accelerometer_noise / math.sqrt(STEP)
         rate_bias = 1e-3 * random.standard_normal(3)  # rad/s
         force_bias = 0.02 * random.standard_normal(3) + (0.0, 0.0, GRAVITY)  # m/s²
         for number in range(round(duration / STEP)):
             time = number * STEP
             now = START + time
             if time < self.imu_end:
-                rates = rate_bias + rate_noise * random.standard_normal(3)
-                forces = force_bias + force_noise * random.standard_normal(3)
+                rates = rate_bias + RATE_NOISE * random.standard_normal(3)
+                forces = force_bias + FORCE_NOISE * random.standard_normal(3)
                 estimator.add_imu(now, now, rates, forces)
-            if number % FIX_STEPS == 0:
-                place = self.mark(time) + 3e-4 * random.standard_normal()
-                if self.is_mark_seen(time):
-                    estimator.add('fix_x', now, now, place)
+            if number % FIX_STEPS == 0 and self.is_mark_seen(time):
+                place = self.mark(time) + FIX_NOISE * random.standard_normal()
+                estimator.add('fix_x', now, now, place)
             if number % RANGE_STEPS == 0:
-                for name in SETUP.distances:
-                    distance = wall + self.depth(time)
-                    distance += 2e-4 * random.standard_normal()
-                    if self.is_measured(time):
-                        estimator.add(name, now, now, distance)
-                motion = estimator.advance(now)
-                if motion is not None:
-                    self.times.append(time)
-                    self.motions.append(motion)
+                self._measure_distances(estimator, time, random)
+                self._advance(estimator, time)
         for event in estimator.events:
             if event.stamp > START + 2.0:
                 self.events.append(event.text)
+
+    def _measure_distances(
+        self,
+        estimator: DisturbanceEstimator,
+        time: float,
+        random: np.random.Generator,
+    ) -> None:
+        now = START + time
+        for name in SETUP.distances:
+            distance = SETUP.wall.distance + self.depth(time)
+            distance += RANGE_NOISE * random.standard_normal()
+            if self.is_measured(time):
+                estimator.add(name, now, now, distance)
+
+    def _advance(self, estimator: DisturbanceEstimator, time: float) -> None:
+        motion = estimator.advance(START + time)
+        if motion is not None:
+            self.times.append(time)
+            self.motions.append(motion)
 
     def x(self, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the errors of x and their published standard deviations in a time [m]."""
@@ -184,3 +197,42 @@ def test_mark_found_after_an_outage_keeps_its_uncertainty():
     errors, deviations = sensors.x(LOSS + 1.0, LOSS + 4.0)
     assert (np.abs(errors) < 3.5 * deviations).all()
     assert deviations.min() > 0.9 * before[-1]
+
+
+@pytest.mark.parametrize('rate', [5.0, 8.0, 10.0, 50.0])
+def test_step_of_a_slow_sensor_becomes_a_level(rate):
+    sensor = PoseFixSettings()
+    setup = replace(SETUP, distances={}, fixes={}, poses={'camera': sensor})
+    estimator = DisturbanceEstimator(setup)
+    random = np.random.default_rng(1)
+    period = round(1.0 / (rate * STEP))
+    for number in range(round((LOSS + 4.0) / STEP)):
+        now = START + number * STEP
+        estimator.add_imu(now, now, (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY))
+        if number % period == 0:
+            for axis, noise in zip(Pose._fields, sensor.noise, strict=True):
+                is_displaced = axis == 'y' and now > START + LOSS
+                value = noise * random.standard_normal() + 0.015 * is_displaced
+                estimator.add(f'camera.{axis}', now, now, value)
+        motion = estimator.advance(now)
+    texts = [event.text for event in estimator.events]
+    assert not any('restarted' in text for text in texts)
+    assert any(text.startswith('camera.y: new level at +1') for text in texts)
+    assert motion.pose.y == pytest.approx(0.0, abs=3e-3)
+
+
+def test_return_far_from_the_estimate_is_reported():
+    """After an outage without the IMU no sensor distinguishes a recess from the wall."""
+    sensors = Sensors(
+        is_measured=lost(LOSS + 2.0, LOSS + 2.8),
+        depth=surface(RECESS, (LOSS + 2.0, LOSS + 5.0)),
+        imu_end=LOSS,
+    )
+    sensors.run(LOSS + 4.0)
+    assert any('place of the wall is assumed' in event for event in sensors.events)
+
+
+def test_short_outage_is_not_reported():
+    sensors = Sensors(is_measured=lost(LOSS, LOSS + 0.5))
+    sensors.run(LOSS + 2.0)
+    assert sensors.events == []
