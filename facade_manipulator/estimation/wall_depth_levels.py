@@ -62,7 +62,7 @@ class Channel:
     # standard deviations of the noise, within which measurements agree
     AGREEMENT_TOLERANCE = 6.0
     AGREEMENT = 0.8  # share of the measurements that make a level
-    LEVEL_SPAN = 0.25  # s, of these measurements
+    LEVEL_SPAN = 0.25  # s, of these measurements; longer for a sensor below 10 Hz
     FEWEST_AGREEING = 4  # minimum number of these measurements
     MOST = 12  # levels that are kept
     LARGEST = 20.0  # m: a larger distance was sent in another unit
@@ -136,7 +136,10 @@ class Channel:
         elapsed = stamp - self._decided
         self._decided = stamp
         self._recent.append((stamp, math.nan if fits else residual))
-        while stamp - self._recent[0][0] > self.LEVEL_SPAN * 1.2:
+        while (
+            len(self._recent) > self.FEWEST_AGREEING
+            and stamp - self._recent[0][0] > self.LEVEL_SPAN * 1.2
+        ):
             self._recent.popleft()
 
         if fits:
