@@ -64,6 +64,9 @@ class Channel:
     AGREEMENT = 0.8  # share of the measurements that make a level
     LEVEL_SPAN = 0.25  # s, of these measurements; longer for a sensor below 10 Hz
     FEWEST_AGREEING = 4  # minimum number of these measurements
+    # standard deviations by which a found level must fit better than a configured one: only the
+    # expectation after a long outage is so uncertain that both fit
+    PREFERENCE = 2.0
     MOST = 12  # levels that are kept
     LARGEST = 20.0  # m: a larger distance was sent in another unit
 
@@ -127,7 +130,7 @@ class Channel:
         known levels. Otherwise the estimate is wrong, and `spread` increases its variance.
         """
         stamp = measurement.stamp
-        level = min(self.levels, key=lambda one: abs(residual - one.offset))
+        level = self._nearest_level(residual, deviation)
         rest = residual - level.offset
         known = max(deviation**2 - measurement.variance, 0.0)  # variance by the state
         deviation = math.sqrt(deviation**2 + level.variance)
@@ -143,13 +146,14 @@ class Channel:
             self._recent.popleft()
 
         if fits:
+            event = self._return_event(stamp, level, known)
             self.counts['used' if level.offset == 0.0 else 'other level'] += 1
             self.accept(stamp)
             self.square = _mean(self.square, (rest / deviation) ** 2)
             measurement.level = level.offset
             measurement.level_variance = level.variance
             level.correct(rest, known, measurement.variance)
-            return ''
+            return event
 
         self.counts['outlier'] += 1
         if elapsed <= self.LEVEL_SPAN:
@@ -169,6 +173,31 @@ class Channel:
         measurement.level_variance = found.variance
         self.accept(stamp)
         return f'new level at {1e3 * agreed:+.1f} mm'
+
+    def _nearest_level(self, residual: float, deviation: float) -> Level:
+        """Return the level nearest to a residual, with preference for configured levels."""
+
+        def cost(level: Level) -> float:
+            handicap = self.PREFERENCE * deviation if level.variance else 0.0
+            return abs(residual - level.offset) + handicap
+
+        return min(self.levels, key=cost)
+
+    def _return_event(self, stamp: float, level: Level, known: float) -> str:
+        """
+        Return the event of the first accepted measurement after an outage, if it is a guess.
+
+        It is a guess if the expectation, of the given variance [m²], leaves room for an unknown
+        level, and if the level makes it more certain.
+        """
+        silence = stamp - self.fitted
+        if silence <= self.LEVEL_SPAN or known - level.variance <= self.NEAREST**2:
+            return ''
+        return (
+            f'measuring again after {silence:.2f} s: the place of the wall is assumed '
+            f'at {1e3 * level.offset:+.1f} mm, by an estimate of '
+            f'+-{1e3 * math.sqrt(known):.1f} mm'
+        )
 
     def accept(self, stamp: float) -> None:
         """Record that a measurement belongs to a level or starts an axis, at a stamp [s]."""
