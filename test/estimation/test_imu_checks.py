@@ -67,16 +67,25 @@ def test_turned_imu_measurements_are_rotated_to_the_rail(angles):
     assert along_rail == pytest.approx((0.1, 0.2, 0.3, 0.0, 0.5, GRAVITY))
 
 
-def fault_of(swapped=1.0, factor=1.0, panes=0.0, noise=2e-4):
-    """Return the fault that half a minute of yaw reveals."""
+def fault_of(
+    swapped=1.0, factor=1.0, panes=0.0, noise=2e-4, sway=0.0, left_end=math.inf
+):
+    """
+    Return the fault that half a minute of yaw reveals.
+
+    The rail also sways towards the wall [m/rad], and the left sensor is silent after a time [s].
+    """
     comparison = YawComparison()
     random = np.random.default_rng(3)
     for time in np.arange(0.0, 30.0, 0.01):
         comparison.turned += 0.01 * (factor * 0.01 * math.cos(1.3 * time) + 0.02)
         yaw = swapped * 0.01 / 1.3 * math.sin(1.3 * time)
-        for place in (-0.5, 0.5):
+        places = (-0.5, 0.5) if time < left_end else (0.5,)
+        for place in places:
             glass = random.uniform(0.3, 3.0) * (random.random() < panes)
-            distance = 0.45 - place * yaw + glass + noise * random.standard_normal()
+            distance = (
+                0.45 - (sway + place) * yaw + glass + noise * random.standard_normal()
+            )
             if fault := comparison.add_distance(place, time, distance):
                 return fault
     return ''
@@ -88,6 +97,8 @@ def fault_of(swapped=1.0, factor=1.0, panes=0.0, noise=2e-4):
         ({}, ''),
         ({'panes': 0.5}, ''),
         ({'noise': 0.05}, ''),
+        ({'sway': -3.0}, ''),
+        ({'sway': -3.0, 'left_end': 5.0}, ''),
         ({'panes': 0.5, 'swapped': -1.0}, ''),
         ({'factor': 180.0 / math.pi, 'noise': 0.05}, ''),
         ({'factor': 180.0 / math.pi}, 'degrees per second'),

@@ -122,3 +122,16 @@ def test_densest_cluster_between_panes_is_the_wall():
             first.add(k * PERIOD, value)
         assert first.suffice(0.4) and not first.suffice(2.0)
         assert first.densest() == pytest.approx(0.4525, abs=4e-3)
+
+
+def test_start_forgets_measurements_before_a_silence():
+    first = FirstMeasurements()
+    for stamp in (0.0, 0.1, 0.2):
+        first.add(stamp, 0.45)
+    first.add(20.0, 0.5)
+    assert not first.suffice(20.0)
+    for stamp in (20.1, 20.2, 20.35):
+        first.add(stamp, 0.5)
+    assert first.suffice(20.4)
+    assert first.densest() == 0.5
+    assert first.begin == 20.0
