@@ -130,6 +130,8 @@ class YawComparison:
     """
 
     SHORTEST_BASELINE = 0.1  # m, minimum between two distance sensors to measure yaw
+    # s, maximum between their stamps: the last distance of a silent sensor is out of date
+    LONGEST_OFFSET = 0.2
     WINDOW = 0.5  # s, of a compared turn
     WINDOWS = 24  # number of the compared turns
     FEWEST_TURNS = 10  # minimum number of them
@@ -144,11 +146,12 @@ class YawComparison:
         self.turned = 0.0  #: integral of the gyroscope's yaw rate [rad]
         # stamp, this integral and yaw by the distances
         self._samples: deque[tuple[float, float, float]] = deque(maxlen=self.WINDOWS)
-        self._newest: dict[float, float] = {}  # distances by places along the rail
+        # stamps and distances by places along the rail
+        self._newest: dict[float, tuple[float, float]] = {}
 
     def add_distance(self, place: float, stamp: float, distance: float) -> str:
         """Add a distance [m] measured at a place along the rail [m]; return the fault, if any."""
-        self._newest[place] = distance
+        self._newest[place] = (stamp, distance)
         left = min(self._newest)
         right = max(self._newest)
         if right - left < self.SHORTEST_BASELINE:
@@ -156,7 +159,11 @@ class YawComparison:
         if self._samples and stamp - self._samples[-1][0] < self.WINDOW:
             return ''
 
-        yaw = (self._newest[left] - self._newest[right]) / (right - left)
+        left_stamp, left_distance = self._newest[left]
+        right_stamp, right_distance = self._newest[right]
+        if abs(left_stamp - right_stamp) > self.LONGEST_OFFSET:
+            return ''
+        yaw = (left_distance - right_distance) / (right - left)
         self._samples.append((stamp, self.turned, yaw))
         if len(self._samples) < self.FEWEST_TURNS:
             return ''

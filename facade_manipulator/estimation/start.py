@@ -21,12 +21,15 @@ class FirstMeasurements:
     DENSEST = 0.2
 
     def __init__(self) -> None:
-        self.begin = math.inf  #: stamp of the first measurement [s]
+        self.begin = math.inf  #: stamp of the first measurement after a silence [s]
         self._items: deque[tuple[float, float]] = deque()  # stamp, value
 
     def add(self, stamp: float, value: float) -> None:
         """Add a measurement [m or rad] with its stamp [s]."""
-        self.begin = min(self.begin, stamp)
+        if self._items and stamp - self._items[-1][0] > LONGEST_START:
+            self._items.clear()
+        if not self._items:
+            self.begin = stamp
         self._items.append((stamp, value))
         while (
             len(self._items) > self.FEWEST_MEASUREMENTS
