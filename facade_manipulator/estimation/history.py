@@ -97,16 +97,23 @@ class History:
         return self._steps[0].stamp
 
     def add_input(self, stamp: float, imu: ImuInput) -> None:
-        """Append a step; an input of the IMU replaces the steps without IMU at its time."""
+        """
+        Append a step at a stamp [s], without computing its state, and forget what is too old.
+
+        An input of the IMU replaces the steps without IMU from its stamp on. If the state of the
+        newest step is not computed yet and the joint step is at most `LONGEST`, that step is
+        extended to the stamp with the mean of both inputs. The caller ensures increasing stamps,
+        except that a late input may follow a step without IMU.
+        """
         steps = self._steps
         if imu:
             while len(steps) > 1 and steps[-1].stamp >= stamp and steps[-1].imu is None:
                 steps.pop()
-        self._valid = min(self._valid, len(steps))
+        self._valid = min(self._valid, len(steps))  # a removed step may have been valid
 
         last = steps[-1]
-        is_new = self._valid < len(steps)
-        if is_new and imu and last.imu and stamp - steps[-2].stamp <= self.LONGEST:
+        is_pending = self._valid < len(steps)
+        if is_pending and imu and last.imu and stamp - steps[-2].stamp <= self.LONGEST:
             share = (stamp - last.stamp) / (stamp - steps[-2].stamp)
             last.imu = mean_input(last.imu, imu, share)
             last.stamp = stamp

@@ -217,8 +217,8 @@ class DisturbanceEstimator:
         state = step.state
         channel = self.channels[measurement.sensor]
         if measurement.level != OUTLIER:
-            later = measurement.stamp - step.stamp
-            expected, jacobian = channel.sensor.expect(state.mean.tolist(), later)
+            time_offset = measurement.stamp - step.stamp  # 0 or negative
+            expected, jacobian = channel.sensor.expect(state.mean.tolist(), time_offset)
             # dot() takes half the time of @ for vectors
             cross = state.covariance.dot(jacobian)
             known = max(float(cross.dot(jacobian)), 0.0)

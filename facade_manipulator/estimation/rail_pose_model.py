@@ -293,13 +293,22 @@ class WallSensor(ABC):
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
         """Return the measurement at a pose of the sensor, and its Jacobian for the pose."""
 
-    def expect(self, mean: Sequence[float], later: float) -> tuple[float, np.ndarray]:
-        """Return the expected measurement `later` [s] after a state, and its Jacobian."""
+    def expect(
+        self, mean: Sequence[float], time_offset: float
+    ) -> tuple[float, np.ndarray]:
+        """
+        Return the expected measurement [m or rad], and its Jacobian by the whole state.
+
+        The measurement is `time_offset` after the state [s], or before it if negative: the rail
+        moves with constant velocity and yaw rate in between. The caller has subtracted the known
+        `delay`; a delay that is a state is subtracted here.
+        """
         x, y, yaw, vx, vy, _, _, yaw_rate, tilt_x, tilt_y = mean[:GYROSCOPE_X]
         own = slice(self.first, self.first + len(self.states))
-        place, delay = (*mean[own], 0.0, 0.0)[:2]
-        later -= delay
-        yaw += later * yaw_rate
+        # the states of this sensor, 0 where it has none
+        place_error, unknown_delay = (*mean[own], 0.0, 0.0)[:2]
+        elapsed = time_offset - unknown_delay
+        yaw += elapsed * yaw_rate
 
         # pose of the sensor: p + R(ψ) (lever + tilts × lever)
         sx, sy, sz = self.lever
@@ -310,18 +319,19 @@ class WallSensor(ABC):
         along = cosine * sx - sine * sy
         across = sine * sx + cosine * sy
         expected, (by_x, by_y, by_yaw) = self.observe(
-            x + later * vx + along, y + later * vy + across, yaw
+            x + elapsed * vx + along, y + elapsed * vy + across, yaw
         )
-        by_yaw += by_y * along - by_x * across  # of the IMU
+        # the state is the pose of the IMU: its yaw also moves the sensor along an arc
+        by_yaw += by_y * along - by_x * across
 
         jacobian = np.zeros(len(mean))
         jacobian[[X, Y, YAW]] = (by_x, by_y, by_yaw)
-        jacobian[RATES] = (later * by_x, later * by_y, later * by_yaw)
+        jacobian[RATES] = (elapsed * by_x, elapsed * by_y, elapsed * by_yaw)
         jacobian[TILT_X] = sz * (sine * by_x - cosine * by_y)
         jacobian[TILT_Y] = sz * (cosine * by_x + sine * by_y)
         by_delay = -by_x * vx - by_y * vy - by_yaw * yaw_rate
         jacobian[own] = (1.0, by_delay)[: len(self.states)]
-        return expected + place, jacobian
+        return expected + place_error, jacobian
 
     def shift(self, mean: np.ndarray, value: float) -> float:
         """Return the change of the measured axis [m or rad] that explains a measurement."""

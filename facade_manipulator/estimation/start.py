@@ -56,11 +56,13 @@ class FirstMeasurements:
         return float(values[is_close][-1])
 
 
-# Standard deviations at rest, which choose among the levels of the wall:
+# Standard deviations of a rail at rest, which choose among the levels of the wall:
 YAW_AT_REST = 0.01  # rad
 Y_AT_REST = 0.05  # m
 LEVEL_AT_REST = 0.5  # m
 ROUGHNESS = 3e-3  # m, standard deviation of a wall from a plane
+# m, distance of the sensors along the rail above which their distances show the yaw
+LEAST_BASELINE = 3e-3
 
 
 def start_at_wall(
@@ -70,34 +72,41 @@ def start_at_wall(
     levels: Sequence[float],
 ) -> tuple[float, float, float]:
     """
-    Return distance of the wall at rest, y and yaw [m, m, rad] for the likeliest levels.
+    Return distance of the wall, y and yaw of the rail [m, m, rad] for the likeliest levels.
+
+    Each combination of levels gives a line through the measured points of the wall. The likeliest
+    combination has a plane wall, a rail near its place at rest, and levels near 0.
 
     Parameters
     ----------
     distance : float
-        Distance of the wall from the rail at rest [m]; 0 is unknown, and the rail is then at y =
-        0.
-    mountings, measured
-        Place of each sensor on the rail, and its measured distance [m].
-    levels
-        Offsets of the levels that the sensors may see [m].
+        Distance of the wall from the rail at rest [m]. For 0 it is unknown: the rail is then at
+        y = 0, and the returned distance is that of the line.
+    mountings : array of shape (n, 3)
+        Places of the sensors from the middle of the rail: x along the rail, y towards the wall,
+        z up [m].
+    measured : sequence of n numbers
+        Distance that each sensor measures [m].
+    levels : sequence of float
+        Offsets of the parts of the wall that the sensors may see [m]; a part with a positive
+        offset is behind the wall.
 
     """
     along, across = mountings[:, :2].T
     candidates = []
     for chosen in product(levels, repeat=len(measured)):
         # the wall through the measured points is a line: middle + slope times the place
-        ends = np.array(measured) + across - chosen
+        points = np.array(measured) + across - chosen
         slope = 0.0
-        middle = ends.mean()
-        if np.ptp(along) > ROUGHNESS:
-            slope, middle = np.polyfit(along, ends, 1)
+        middle = points.mean()
+        if np.ptp(along) > LEAST_BASELINE:
+            slope, middle = np.polyfit(along, points, 1)
         y = distance - middle if distance else 0.0
-        rest = ends - middle - slope * along
+        residuals = points - middle - slope * along
 
         cost = (slope / YAW_AT_REST) ** 2
         cost += (y / Y_AT_REST) ** 2
-        cost += np.sum((rest / ROUGHNESS) ** 2)
+        cost += np.sum((residuals / ROUGHNESS) ** 2)
         cost += np.sum((np.array(chosen) / LEVEL_AT_REST) ** 2)
         candidates.append((cost, float(distance or middle), float(y), -float(slope)))
     _, distance, y, yaw = min(candidates)
