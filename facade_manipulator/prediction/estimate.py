@@ -1,7 +1,7 @@
 """
 Gate of the estimates: impossible estimates are rejected, the others converted to the rail.
 
-An estimator at m on the rail publishes its yaw and its displacement along its own axes, which are
+An estimator at m on the rail measures its yaw and its displacement along its own axes, which are
 turned from those of `facade` by an angle α. With the pose d of the rail, the displacement is
 R(−α) (d.xy + R(d.theta) m − m). The yaw is d.theta plus the yaw of the mounting.
 """
@@ -20,8 +20,9 @@ from facade_manipulator.kinematics.planar import wrap_angle
 from facade_manipulator.parameters import parameter, settings
 
 # Minimum interval between two estimates that the predictor learns from [s]: learning at 100 Hz
-# would be the largest part of the processor time of the compensator. An estimate older than the
-# previous estimate by less than this is in order, because it is skipped.
+# would be the largest part of the processor time of the compensator. The gate accepts an estimate
+# that is older than the previous one by less than this, because `Correction` does not learn from
+# it.
 MIN_INTERVAL = 0.015
 
 
@@ -84,7 +85,7 @@ class Estimate(NamedTuple):
     stamp: float
     pose: Pose
     variances: tuple[float, ...]  #: [m², m², rad²]
-    #: known axes; others have their last known value
+    #: axes whose pose was measured; the rail has its last known pose along the others
     known: tuple[bool, ...] = ALL_KNOWN
 
 
@@ -104,7 +105,8 @@ class EstimateGate:
 
     def __init__(self, settings: EstimateSettings) -> None:
         self.settings = settings
-        self._last = self.NO_ESTIMATE  # as published
+        # newest accepted estimate as it was received, along the axes of the estimator
+        self._last = self.NO_ESTIMATE
         self._known = ZERO_POSE  # last known pose of the rail along each axis
         position = settings.position_noise
         self._noise = (position, position, settings.yaw_noise)
@@ -113,7 +115,7 @@ class EstimateGate:
         self._from_mounting = invert(self._mounting)
         cosine = _square(math.cos(settings.axes))
         sine = _square(math.sin(settings.axes))
-        # squared derivatives of the rail's x, y, theta by the published ones
+        # squared derivatives of the rail's x, y, theta by those received
         self._squares = (
             (cosine, sine, _square(self._mounting.y)),
             (sine, cosine, _square(self._mounting.x)),
@@ -129,20 +131,20 @@ class EstimateGate:
         tilt: float = 0.0,
     ) -> Estimate:
         """
-        Return the estimate of the rail.
+        Return the estimate of the rail for a received disturbance.
 
         Parameters
         ----------
         now, stamp : float
-            Present time and published time of the disturbance [s].
+            Present time and stamp of the disturbance [s].
         pose : Pose
-            Published disturbance [m, m, rad].
+            Received disturbance along the axes of the estimator [m, m, rad].
         variances : sequence of float
-            Variances of x, y and θ [m², m², rad²], according to the rule of `covariance`. The
-            position of an axis that was not measured is unknown. Its next known position may be
-            anywhere.
+            Variances of x, y and θ [m², m², rad²], as in `covariance`: 0 stands for the
+            noise of the settings. The position of an axis that was not measured is unknown. Its
+            next known position may be anywhere.
         tilt : float
-            Angle of the rail out of the plane [rad].
+            Angle of the rail out of the plane, at least 0 [rad].
 
         Raises
         ------
@@ -150,7 +152,8 @@ class EstimateGate:
             The reason is ``'not_finite'``, ``'range'``, ``'out_of_plane'``, ``'stale'``,
             ``'future'``, ``'out_of_order'`` or ``'jump'``. The allowed change grows with the time
             since the last accepted estimate, so that a jump that lasts is accepted later. An
-            estimate is out of order if it is older than the previous by 0 s, or by 15 ms or more.
+            estimate is out of order if it has the stamp of the previous one, or is older by at
+            least `MIN_INTERVAL`.
 
         """
         stamp -= self.settings.delay
@@ -182,32 +185,32 @@ class EstimateGate:
             self._last = self.NO_ESTIMATE
         self._check_step(stamp, pose, measured)
 
-        published = self._published(variances, measured)
+        received = self._received_variances(variances, measured)
         if stamp > self._last.stamp:
-            self._last = Estimate(stamp, pose, published, measured)
-        return self._estimate(stamp, place, published, known)
+            self._last = Estimate(stamp, pose, received, measured)
+        return self._estimate(stamp, place, received, known)
 
-    def _published(
+    def _received_variances(
         self, variances: Sequence[float], measured: Sequence[bool]
     ) -> tuple[float, ...]:
-        """Return the variances of the published axes, those of the settings if not measured."""
-        published = []
+        """Return the variances of the received axes, those of the settings if not measured."""
+        received = []
         for variance, noise, is_axis_measured in zip(
             variances, self._noise, measured, strict=True
         ):
             used = used_variance(variance, noise) if is_axis_measured else noise**2
-            published.append(used)
-        return tuple(published)
+            received.append(used)
+        return tuple(received)
 
     def _of_rail(self, pose: Pose) -> Pose:
-        """Return the pose of the rail for a published disturbance, with θ wrapped."""
+        """Return the pose of the rail for a received disturbance, with θ wrapped."""
         x, y, _ = compose(self._turned_mounting, pose)
         x, y, theta = compose(Pose(x, y, pose.theta), self._from_mounting)
         return Pose(x, y, wrap_angle(theta))
 
     @staticmethod
     def _is_known(squares: Sequence[float], measured: Sequence[bool]) -> bool:
-        """Return whether all published axes that an axis of the rail depends on were measured."""
+        """Return whether all received axes that an axis of the rail depends on were measured."""
         for square, is_axis_measured in zip(squares, measured, strict=True):
             if square and not is_axis_measured:
                 return False
@@ -226,21 +229,21 @@ class EstimateGate:
                     f'±{largest:g} {unit}; next: check its unit and origin',
                 )
 
-    def _check_step(self, stamp: float, pose: Pose, known: Sequence[bool]) -> None:
-        """Reject a stamp that is out of order, and an impossible change of a known axis."""
+    def _check_step(self, stamp: float, pose: Pose, measured: Sequence[bool]) -> None:
+        """Reject a stamp that is out of order, and an impossible change of a measured axis."""
         last = self._last
         elapsed = stamp - last.stamp
         if elapsed <= -MIN_INTERVAL or elapsed == 0.0:
             raise InputError.out_of_order('disturbance', -elapsed)
         allowed = self.LARGEST_JUMP + self.FASTEST_GONDOLA * abs(elapsed)
-        for (name, unit, _), change, was_known, is_known in zip(
+        for (name, unit, _), change, was_measured, is_axis_measured in zip(
             self.DISPLACEMENT_LIMITS,
             difference(pose, last.pose),
             last.known,
-            known,
+            measured,
             strict=True,
         ):
-            if was_known and is_known and abs(change) > allowed:
+            if was_measured and is_axis_measured and abs(change) > allowed:
                 raise InputError(
                     'jump',
                     f'disturbance {name} jumps by {abs(change):.4g} {unit} in '
@@ -251,7 +254,7 @@ class EstimateGate:
         self,
         stamp: float,
         place: Pose,
-        published: Sequence[float],
+        received: Sequence[float],
         known: tuple[bool, ...],
     ) -> Estimate:
         """Return the estimate of the rail, at rest along unknown axes."""
@@ -266,7 +269,7 @@ class EstimateGate:
 
         variances = []
         for row, noise, is_known in zip(self._squares, self._noise, known, strict=True):
-            variance = sum(map(mul, row, published)) if is_known else noise**2
+            variance = sum(map(mul, row, received)) if is_known else noise**2
             variances.append(variance)
         return Estimate(stamp, self._known, tuple(variances), known)
 
