@@ -185,12 +185,14 @@ class Demo:
 
     def send_goals(self) -> None:
         """
-        Send the goals for the duration, then wait for the last counters.
+        Send the goals of the mission at their times, then wait for the last counters.
 
-        Prints a line each second. Raises a ManipulatorError if the drives or a node have failed.
+        A goal is sent if it differs from the last goal; `send_goal` waits until the compensator
+        reports it. Prints a line each second. Raises a ManipulatorError if the drives or a node
+        have failed, and a NoAnswerError if the compensator does not answer.
         """
         begin = time.monotonic()
-        lines = 0
+        line_due = 0  # s since the begin
         while (
             elapsed := time.monotonic() - begin
         ) < self.duration + self.LAST_COUNTERS:
@@ -202,8 +204,8 @@ class Demo:
             operation = self.components[self.OPERATION]
             if planar_messages.status_level(operation) == 'error':
                 raise ManipulatorError(f'driver: {operation.message}')
-            if elapsed >= lines:  # one each second
-                lines = int(elapsed) + 1
+            if elapsed >= line_due:
+                line_due = int(elapsed) + 1
                 self.say_progress(elapsed)
             time.sleep(self.CHECK_PERIOD)
 
@@ -327,7 +329,7 @@ def as_text(counters: dict[str, int]) -> str:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the demo; return its exit status."""
+    """Run the demo; return 0, or 1 after an error, or 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(
         prog='demo',
         description='Run the whole stack with simulated drives on a swaying gondola.',
@@ -357,7 +359,9 @@ def main(args: list[str] | None = None) -> int:
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
     def run() -> None:
-        require_packages('mujoco')  # of a node that the demo starts
+        require_packages(
+            'mujoco'
+        )  # the simulator needs it, a node that the demo starts
         Demo(options).run()
 
     return exit_status('demo', run)

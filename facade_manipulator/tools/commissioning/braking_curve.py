@@ -31,7 +31,7 @@ class Deceleration(NamedTuple):
 
 
 POSITION_ERROR = 3e-5  # m, of a position at its time: jitter of SYNC and resolution
-_AT_REST = 1e-5  # m, from the rest position
+_REST_DISTANCE = 1e-5  # m, from the rest position: nearer carriages are at rest
 # number of values tried
 _DELAYS = 400
 _LAGS = 4
@@ -64,7 +64,7 @@ def fit_deceleration(
     # a weak servo overshoots its demand and returns: its brake ends at the farthest position
     travelled = np.maximum.accumulate(travelled) - start
     distance = travelled[-1]
-    end = int(np.argmax(travelled >= distance - _AT_REST)) + 2
+    end = int(np.argmax(travelled >= distance - _REST_DISTANCE)) + 2
     times = times[steady:end]
     travelled = travelled[steady:end]
 
@@ -73,10 +73,10 @@ def fit_deceleration(
     for servo_lag in np.linspace(0.0, _MOST_LAG * lag, _LAGS):
         longest = max(0.0, distance / speed - servo_lag)
         for delay in np.linspace(0.0, longest, _DELAYS, endpoint=False):
-            braking = distance - speed * (delay + servo_lag)
-            if braking <= 0.5 * speed**2 / _MOST:
+            braking_distance = distance - speed * (delay + servo_lag)
+            if braking_distance <= 0.5 * speed**2 / _MOST:
                 continue
-            deceleration = 0.5 * speed**2 / braking
+            deceleration = 0.5 * speed**2 / braking_distance
             curve = _travel(times, speed, delay, deceleration, servo_lag)
             errors.append(float(np.sqrt(np.mean((travelled - curve) ** 2))))
             decelerations.append(deceleration)
@@ -91,13 +91,35 @@ def fit_deceleration(
 def _travel(
     times: np.ndarray, speed: float, delay: float, deceleration: float, lag: float
 ) -> np.ndarray:
-    """Return the distance [m] of a stop at times since its begin [s]."""
-    braking = np.clip(times - delay, 0.0, speed / deceleration)
-    demanded = speed * (np.minimum(times, delay) + braking)
-    demanded -= 0.5 * deceleration * braking**2
+    """
+    Return the distances that a carriage has moved since the begin of its stop [m].
+
+    With the demanded distance s(t), a lag L lets the carriage move with the velocity u of
+    L u' + u = s' from u = s' = v. The distance since the stop is s + L (v − u).
+
+    Parameters
+    ----------
+    times : array of shape (n,)
+        Times since the begin of the stop [s].
+    speed : float
+        Speed v before the stop, above 0 [m/s].
+    delay : float
+        Time before the demanded speed falls [s].
+    deceleration : float
+        Deceleration of the demand, above 0 [m/s²].
+    lag : float
+        Lag L of the servo [s]; 0 for none.
+
+    """
+    braking_time = speed / deceleration
+    braked = np.clip(times - delay, 0.0, braking_time)  # time of braking so far [s]
+    demanded = speed * (np.minimum(times, delay) + braked)
+    demanded -= 0.5 * deceleration * braked**2
     if lag == 0.0:
         return demanded
-    settled = 1.0 - np.exp(-braking / lag)
-    at_rest = np.clip(times - delay - speed / deceleration, 0.0, None)
-    actual_speed = speed - deceleration * (braking - lag * settled)
-    return demanded + lag * (speed - actual_speed * np.exp(-at_rest / lag))
+
+    settled = 1.0 - np.exp(-braked / lag)
+    rested = np.clip(times - delay - braking_time, 0.0, None)  # since the demand rests
+    speed_at_rest = speed - deceleration * (braked - lag * settled)
+    actual_speed = speed_at_rest * np.exp(-rested / lag)
+    return demanded + lag * (speed - actual_speed)
