@@ -109,8 +109,12 @@ class Remainder:
 
     def clear(self) -> None:
         """Forget the remainder of all jumps."""
-        self._start = self._end = -math.inf  # begin and end of the remainder [s]
-        self._position, self._slope = ZERO_POSE, ZERO_TWIST
+        # begin and end of the remainder [s]
+        self._start = -math.inf
+        self._end = -math.inf
+        # p and s of (p + s t) exp(−t/T)
+        self._position = ZERO_POSE
+        self._slope = ZERO_TWIST
 
     def add(
         self, time: float, jump: MotionState, constant: float | None = None
@@ -121,30 +125,34 @@ class Remainder:
         From then on the remainder decays with the time constant [s], by default as before.
         """
         left = self.at(time)
-        self._constant = constant = constant or self._constant
+        if constant is not None:
+            self._constant = constant
+
+        # at t = 0 the remainder is p, and its velocity s − p/T
         self._position = add(left.position, jump.position)
-        self._slope = Twist(
-            *[
-                v + dv + p / constant
-                for v, dv, p in zip(
-                    left.velocity, jump.velocity, self._position, strict=True
-                )
-            ]
-        )
-        self._start, self._end = time, time + self.DEAD_AFTER * constant
+        slope = []
+        for rest_velocity, jump_velocity, position in zip(
+            left.velocity, jump.velocity, self._position, strict=True
+        ):
+            slope.append(rest_velocity + jump_velocity + position / self._constant)
+        self._slope = Twist(*slope)
+        self._start = time
+        self._end = time + self.DEAD_AFTER * self._constant
 
     def at(self, time: float) -> MotionState:
         """Return the remainder at a time [s]: (p + s t) exp(−t/T) along each axis."""
         if time > self._end:
             return ZERO_STATE
-        t, constant = max(time - self._start, 0.0), self._constant
+        t = max(time - self._start, 0.0)
+        constant = self._constant
         decay = math.exp(-t / constant)
-        (x, y, theta), (vx, vy, omega) = self._position, self._slope
-        x, y, theta = (
-            x + vx * t,
-            y + vy * t,
-            theta + omega * t,
-        )  # loops would take twice as long
+
+        # p + s t along each axis; loops would take twice as long
+        vx, vy, omega = self._slope
+        x, y, theta = self._position
+        x += vx * t
+        y += vy * t
+        theta += omega * t
         return MotionState(
             Pose(decay * x, decay * y, decay * theta),
             Twist(
@@ -184,44 +192,41 @@ class Correction:
         )
         #: tare offset: pose of the rail that counts as zero
         self.nominal = ZERO_POSE
-        #: mask of the compensated axes x, y, theta: the axes with a valid estimate
-        self.known = ALL_KNOWN
-        self._found = [-math.inf] * len(
-            self.known
-        )  # time at which each axis became known [s]
+        #: mask of the compensated axes x, y, theta: known for at least `SETTLING_TIME`
+        self.usable = ALL_KNOWN
+        # stamp of the estimate since which each axis is known [s]: infinity while it is unknown;
+        # an axis that is known in the first estimate is usable at once
+        self._known_since = [-math.inf] * len(self.usable)
         #: velocity of the correction by its fades, without a motion of the rail [m/s, m/s, rad/s]
         self.fading = ZERO_TWIST
+        # time of the newest correction [s], None before the first
         self._time: float | None = None
         self._state = ZERO_STATE  # at that time; later states continue it
-        self._interrupted = (
-            self.NONE_KNOWN  # axes that were corrected when the estimates ended
-        )
+        # axes that were corrected when the estimates ended
+        self._interrupted = self.NONE_KNOWN
         constant = settings.fade_time / self.DECAYS
-        self._smooth = Remainder(
-            self.SMOOTHING
-        )  # changes of the prediction by each new estimate
-        self._missing = Remainder(
-            constant
-        )  # of each axis's share of the correction, minus 1
+        # changes of the prediction by each new estimate
+        self._smooth = Remainder(self.SMOOTHING)
+        # of each axis's share of the correction, minus 1
+        self._missing = Remainder(constant)
         # Position and velocity of other changes. The velocity decays sooner, because in a long
         # fade it would move the correction far away.
-        self._fade, self._brake = (
-            Remainder(constant),
-            Remainder(min(constant, self.LONGEST_BRAKING)),
-        )
-        self._catch_up = Remainder(
-            self.CATCH_UP
-        )  # changes of the prediction by a long gap
+        self._fade = Remainder(constant)
+        self._brake = Remainder(min(constant, self.LONGEST_BRAKING))
+        # changes of the prediction by a long gap
+        self._catch_up = Remainder(self.CATCH_UP)
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Learn from a checked estimate, unless it is within 15 ms of the last learnt estimate."""
         self.rejections.clear()
-        self._note_known(estimate)
+        self._update_usable(estimate)
         elapsed = estimate.stamp - self.predictor.stamp
         if -MIN_INTERVAL < elapsed < MIN_INTERVAL - STAMP_ROUNDING:
             return
         predicted = self._predicted
-        has_stepped = self.predictor.update(*estimate[:3])
+        has_stepped = self.predictor.update(
+            estimate.stamp, estimate.pose, estimate.variances
+        )
         if self._time is None:
             return
         if has_stepped or self.predictor.since == estimate.stamp:
@@ -234,39 +239,37 @@ class Correction:
             jump = predicted.minus(self._predicted)
             self._smooth.add(self._time, jump, self._smoothing)
 
-    def _note_known(self, estimate: Estimate) -> None:
-        """Fade an axis out when it becomes unknown, and in when its estimate has settled."""
-        self._found = [
-            (
-                math.inf
-                if not known
-                else since
-                if since <= estimate.stamp
-                else estimate.stamp
-            )
-            for known, since in zip(estimate.known, self._found, strict=True)
-        ]
-        known = tuple(
-            estimate.stamp - since >= self.SETTLING_TIME for since in self._found
-        )
-        if known != self.known:
-            self._change(known=known)
+    def _update_usable(self, estimate: Estimate) -> None:
+        """
+        Fade an axis out when it becomes unknown, and in when it has been known long enough.
+
+        After the clock was set back, an axis has been known since the present stamp.
+        """
+        stamp = estimate.stamp
+        usable = []
+        for axis, is_known in enumerate(estimate.known):
+            if not is_known:
+                self._known_since[axis] = math.inf
+            elif self._known_since[axis] > stamp:
+                self._known_since[axis] = stamp
+            usable.append(stamp - self._known_since[axis] >= self.SETTLING_TIME)
+
+        if tuple(usable) != self.usable:
+            self._change(usable=tuple(usable))
 
     def tare(self, now: float) -> Pose:
         """
-        Make the present disturbance the new nominal position and return it.
+        Make the present disturbance the new nominal pose and return it [m, m, rad].
 
         Raises a ManipulatorError if there is no fresh estimate.
         """
         if self.age(now) > ESTIMATOR_SILENCE:
-            newest = (
-                'no estimate was received yet'
-                if not self._has_estimates
-                else (
+            newest = 'no estimate was received yet'
+            if self._has_estimates:
+                newest = (
                     f'the newest estimate is {self.age(now):.1f} s old, '
                     f'above the limit {ESTIMATOR_SILENCE:g} s'
                 )
-            )
             raise ManipulatorError(
                 f'tare rejected: {newest}: {self.silence_cause(now)}'
             )
@@ -278,7 +281,8 @@ class Correction:
         """
         Return the disturbance to correct at a time [s], at which the head reaches its pose.
 
-        The present time [s] decides whether the estimator is silent.
+        The present time `now` [s] decides whether the estimator is silent. A time before that of
+        the last call, or more than `LONGEST_PAUSE` after it, continues from the last correction.
         """
         mode = self._present_mode(now)
         if self._time is not None and not 0.0 <= time - self._time <= LONGEST_PAUSE:
@@ -317,12 +321,11 @@ class Correction:
         The changes due to the noise of the estimates determine the jerk of the carriages, so that
         less noise needs less smoothing. The noise is that of the worst axis.
         """
-        noise = max(
-            math.sqrt(variance) / usual
-            for variance, usual in zip(
-                self.predictor.innovations.tolist(), self.USUAL_NOISE, strict=True
-            )
-        )
+        noise = 0.0
+        for variance, usual in zip(
+            self.predictor.innovations.tolist(), self.USUAL_NOISE, strict=True
+        ):
+            noise = max(noise, math.sqrt(variance) / usual)
         return min(max(noise * self.SMOOTHING, self.LEAST_SMOOTHING), self.SMOOTHING)
 
     def silence_cause(self, now: float) -> str:
@@ -336,6 +339,7 @@ class Correction:
         return self.predictor.stamp > -math.inf
 
     def _present_mode(self, now: float) -> CorrectionMode:
+        """Return the mode that the operator and the estimates require at a time [s]."""
         if not self.enabled:
             return CorrectionMode.DISABLED
         if not self._has_estimates:
@@ -350,28 +354,29 @@ class Correction:
         self,
         mode: CorrectionMode | None = None,
         nominal: Pose | None = None,
-        known: tuple[bool, ...] | None = None,
+        usable: tuple[bool, ...] | None = None,
     ) -> None:
         """
-        Change the target trajectory, with a fade from the present correction.
+        Change mode, tare offset or usable axes, with a fade from the present correction.
 
         The share of an axis begins at 0, unless a silence has only interrupted its correction.
         """
-        before, corrected = self._target(self._predicted), self._corrected
+        before = self._target(self._predicted)
+        corrected = self._corrected
         if mode is CorrectionMode.SILENT:
             self._interrupted = corrected
-        elif self.mode is CorrectionMode.SILENT:
-            corrected = (
-                self._interrupted if mode is CorrectionMode.ACTIVE else corrected
-            )
-        self.mode, self.nominal = mode or self.mode, nominal or self.nominal
-        self.known = known or self.known
+        elif self.mode is CorrectionMode.SILENT and mode is CorrectionMode.ACTIVE:
+            corrected = self._interrupted
+
+        self.mode = mode or self.mode
+        self.nominal = nominal or self.nominal
+        self.usable = usable or self.usable
         if self._time is None:
             return
-        begun = [
-            now and not then
-            for now, then in zip(self._corrected, corrected, strict=True)
-        ]
+
+        begun = []
+        for is_corrected, was_corrected in zip(self._corrected, corrected, strict=True):
+            begun.append(is_corrected and not was_corrected)
         if any(begun):
             left = self._missing.at(self._time)
             self._missing.add(self._time, _along(begun, self.NO_SHARE.minus(left)))
@@ -379,15 +384,14 @@ class Correction:
 
     def _restart(self, time: float, mode: CorrectionMode) -> None:
         """Continue from the present correction at another time [s]."""
-        for remainder in (
-            self._smooth,
-            self._missing,
-            self._fade,
-            self._brake,
-            self._catch_up,
-        ):
-            remainder.clear()
-        self._time, self.mode, self._interrupted = time, mode, self.NONE_KNOWN
+        self._smooth.clear()
+        self._missing.clear()
+        self._fade.clear()
+        self._brake.clear()
+        self._catch_up.clear()
+        self._time = time
+        self.mode = mode
+        self._interrupted = self.NONE_KNOWN
         self._fade_from(time, self._state)
 
     def _fade_from(self, time: float, before: MotionState) -> None:
@@ -399,7 +403,7 @@ class Correction:
     @property
     def _corrected(self) -> tuple[bool, ...]:
         """Return the mask of the axes x, y, theta that are corrected at present."""
-        return self.known if self.mode is CorrectionMode.ACTIVE else self.NONE_KNOWN
+        return self.usable if self.mode is CorrectionMode.ACTIVE else self.NONE_KNOWN
 
     @property
     def _predicted(self) -> MotionState:
@@ -421,24 +425,21 @@ class Correction:
         missing = self._missing.at(self._time)
         if missing is ZERO_STATE:
             return smooth
-        shares = [1.0 + share for share in missing.position]
-        return MotionState(
-            Pose(
-                *[share * p for share, p in zip(shares, smooth.position, strict=True)]
-            ),
-            Twist(
-                *[
-                    share * v + rise * p
-                    for share, v, rise, p in zip(
-                        shares,
-                        smooth.velocity,
-                        missing.velocity,
-                        smooth.position,
-                        strict=True,
-                    )
-                ]
-            ),
-        )
+
+        # (1 + m) p and its derivative, with the missing share m, which rises from −1 to 0
+        positions = []
+        velocities = []
+        for p, v, missing_share, rise in zip(
+            smooth.position,
+            smooth.velocity,
+            missing.position,
+            missing.velocity,
+            strict=True,
+        ):
+            share = 1.0 + missing_share
+            positions.append(share * p)
+            velocities.append(share * v + rise * p)
+        return MotionState(Pose(*positions), Twist(*velocities))
 
     def disturbance(self, time: float) -> Pose:
         """Return the pose of the rail [m, m, rad] at a time [s]; zero before any estimate."""
@@ -446,13 +447,13 @@ class Correction:
 
     def rail(self, now: float) -> Pose | None:
         """
-        Return the present pose of the rail [m, m, rad], None while no axis is known.
+        Return the present pose of the rail [m, m, rad], None while no axis is usable.
 
-        Axes without a valid estimate are 0, and a correction that is disabled changes nothing.
+        Axes that are not usable are 0, and a correction that is disabled changes nothing.
         """
-        if self.age(now) > ESTIMATOR_SILENCE or not any(self.known):
+        if self.age(now) > ESTIMATOR_SILENCE or not any(self.usable):
             return None
-        return _along(self.known, self.motion(now)).position
+        return _along(self.usable, self.motion(now)).position
 
     def motion(self, time: float) -> MotionState:
         """Return the rail's motion at a time [s]; requires an earlier estimate."""
@@ -460,21 +461,22 @@ class Correction:
         if self.nominal == ZERO_POSE:
             return predicted
         back = invert(self.nominal)
-        cosine, sine = math.cos(back.theta), math.sin(back.theta)
+        cosine = math.cos(back.theta)
+        sine = math.sin(back.theta)
         vx, vy, omega = predicted.velocity
         velocity = Twist(cosine * vx - sine * vy, sine * vx + cosine * vy, omega)
         return MotionState(compose(back, predicted.position), velocity)
 
 
-def _along(known: Sequence[bool], motion: MotionState) -> MotionState:
-    """Return a motion that is zero along unknown axes."""
-    if all(known):
+def _along(mask: Sequence[bool], motion: MotionState) -> MotionState:
+    """Return a motion that is zero along the axes outside a mask of x, y and theta."""
+    if all(mask):
         return motion
-    position, velocity = (
-        tuple(
-            value if is_known else 0.0
-            for is_known, value in zip(known, values, strict=True)
-        )
-        for values in motion
-    )
-    return MotionState(Pose(*position), Twist(*velocity))
+    positions = []
+    velocities = []
+    for is_inside, position, velocity in zip(
+        mask, motion.position, motion.velocity, strict=True
+    ):
+        positions.append(position if is_inside else 0.0)
+        velocities.append(velocity if is_inside else 0.0)
+    return MotionState(Pose(*positions), Twist(*velocities))

@@ -185,12 +185,18 @@ class Compensator:
         return self.goal
 
     def goal_error(self, now: float) -> Pose | None:
-        """Return the goal minus the head on the wall [m, m, rad]; None if either is unknown."""
+        """
+        Return the goal, shifted by the contact, minus the head on the wall [m, m, rad].
+
+        Return None without a goal, a recent pose of the head, or the place of the rail: it is
+        unknown while the estimates are silent or an axis is not usable. Before the first estimate
+        the rail counts as at rest.
+        """
         newest = self.following.newest(now)
         if newest is None or self.goal is None:
             return None
         correction = self.correction
-        if correction.is_silent(now) or not all(correction.known):
+        if correction.is_silent(now) or not all(correction.usable):
             return None
         stamp, head = newest
         on_wall = compose(correction.disturbance(stamp), head)
@@ -249,7 +255,7 @@ class Compensator:
         )
 
         self.following.publish(time, pose)
-        uncertain = Pose(*(float(not known) for known in self.correction.known))
+        uncertain = Pose(*(float(not one) for one in self.correction.usable))
         self.held_back.note(now, error, uncertain)
         self.newest = CorrectedPose(
             time, reach_time, pose, reference, disturbance, error
@@ -280,7 +286,7 @@ class Compensator:
             )
         elif self.correction.mode is CorrectionMode.SETTLING:
             silence = self.correction.mode.value
-        elif not all(self.correction.known[1:]):
+        elif not all(self.correction.usable[1:]):
             silence = 'the estimate of y or theta is too uncertain'
 
         surroundings = Surroundings(

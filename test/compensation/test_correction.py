@@ -157,7 +157,7 @@ def test_axis_found_during_a_silence_begins_without_a_share(settled):
     while run.correction.mode is CorrectionMode.ACTIVE:
         run.go(PERIOD, heard=False)
     run.go(0.1)
-    assert run.correction.known == ALL_KNOWN
+    assert run.correction.usable == ALL_KNOWN
     assert abs(run.last.position.x) < 0.05 * abs(breeze(run.now).x)
 
 
@@ -207,14 +207,14 @@ def test_unknown_axis_fades_out_and_in_without_the_others(settled, lost):
     for _ in range(2):
         run.go(6.0, known=known)
         assert (
-            run.correction.known == known
+            run.correction.usable == known
             and run.correction.mode is CorrectionMode.ACTIVE
         )
         assert run.last.position[lost] == pytest.approx(0.0, abs=1e-4)
         assert run.last.velocity[lost] == pytest.approx(0.0, abs=1e-4)
         assert (np.delete(abs(run.error()), lost) < 5e-3).all()
         run.go(6.0)
-        assert run.correction.known == ALL_KNOWN and (abs(run.error()) < 5e-3).all()
+        assert run.correction.usable == ALL_KNOWN and (abs(run.error()) < 5e-3).all()
     run.assert_no_step()
 
 
@@ -222,9 +222,9 @@ def test_axis_counts_as_known_after_the_settling_time():
     run = Run().go(5.0)
     for _ in range(3):
         run.go(0.3, known=(True, False, True)).go(0.3)
-        assert run.correction.known == (True, False, True)
+        assert run.correction.usable == (True, False, True)
     run.go(0.3)
-    assert run.correction.known == ALL_KNOWN
+    assert run.correction.usable == ALL_KNOWN
 
 
 @pytest.fixture(scope='module')
