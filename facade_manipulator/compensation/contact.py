@@ -139,6 +139,11 @@ class Contact:
         oldest: float,
         values: Iterable[float],
     ) -> None:
+        """
+        Require finite values, a stamp that is at most `oldest` old [s], and increasing stamps.
+
+        A stamp that is earlier by more than `KEPT_TIME` means that the clock was set back.
+        """
         for value in values:
             if not math.isfinite(value):
                 raise InputError.not_finite(quantity, value)

@@ -176,7 +176,8 @@ class Pressing:
 
     The head waits at the distance `retreat` before the goal and measures the zero of the sensor
     there. After a fault the head stays there until pressing is disabled and enabled again. After a
-    silent sensor or a lost estimate, the head approaches the wall again without a request.
+    silent sensor or a lost estimate, the head approaches the wall again without a request. The
+    owner replaces `settings`, of which some are live.
     """
 
     NEAR_GOAL = 0.005  # m: maximum distance of the path past its goal
@@ -196,12 +197,14 @@ class Pressing:
         self.ramp = ForceRamp()
         self.monitor = ForceMonitor()
         self.sensor_zero = SensorZero()
-        #: reason of the present wait off the wall, reason of the last retreat; empty for no reason
+        #: reason of the present wait off the wall; empty without a wait
         self.reason = ''
+        #: reason of the last retreat; empty before the first
         self.last_reason = ''
-        self._is_latched = False
+        self._is_latched = False  # whether the wait lasts until pressing is disabled
         if settings.enabled:
             self.mode = PressMode.RETRACTED
+            # the head goes to its first goal already off the wall; an offset below 0 is off it
             self.normal.law.begin(-settings.retreat)
 
     @property
@@ -236,8 +239,8 @@ class Pressing:
         return self.LEAST_BOUND + self.BOUND_SHARE * self.settings.force
 
     @property
-    def is_held(self) -> bool:
-        """Return whether the force is held, or no force is desired."""
+    def is_force_reached(self) -> bool:
+        """Return whether the desired force is reached and held, or no force is desired."""
         return not self.settings.enabled or (
             self.mode is PressMode.HOLDING
             and abs(self.monitor.mean - self.settings.force) <= self.bound
@@ -298,6 +301,7 @@ class Pressing:
         return self.mode in (PressMode.OFF, PressMode.RETRACTED)
 
     def _disable(self, time: float) -> None:
+        """Press no longer, and forget a fault; the offset then returns to 0."""
         self._enter(PressMode.OFF)
         self._is_latched = False
         self.reason = ''
@@ -317,12 +321,14 @@ class Pressing:
             self._follow_touch(interval)
 
     def _retract(self, reason: str, is_latched: bool = False) -> None:
+        """Leave the wall for a reason, for good if it is latched."""
         self.reason = reason
         self.last_reason = reason
         self._is_latched = is_latched
         self._enter(PressMode.RETRACTED)
 
     def _enter(self, mode: PressMode) -> None:
+        """Begin a phase without a desired force."""
         self.mode = mode
         self.ramp.restart()
 
@@ -338,7 +344,7 @@ class Pressing:
     def _range_fault(self) -> str:
         """Return why the range of the offset does not suffice; empty while it does."""
         limit = f'{1e3 * self.settings.range:g} mm (contact.range) beyond the goal'
-        if self.normal.law.offset < self.settings.range or self.is_held:
+        if self.normal.law.offset < self.settings.range or self.is_force_reached:
             return ''
         if self.mode is PressMode.SEARCHING:
             return (
@@ -388,6 +394,7 @@ class Pressing:
     def _move_y(
         self, time: float, interval: float, around: Surroundings, is_fresh: bool
     ) -> None:
+        """Move the offset in y over an interval [s] to a time [s]."""
         normal = self.normal
         before = normal.law.offset
         offset = self._wanted_y(time, interval, is_fresh)
@@ -407,6 +414,11 @@ class Pressing:
     def _move_theta(
         self, time: float, interval: float, saturation_error: float, is_fresh: bool
     ) -> None:
+        """
+        Move the offset in yaw over an interval [s] to a time [s].
+
+        Without contact or fresh measurements, it returns to 0.
+        """
         settings = self.settings
         before = self.theta.offset
         limit = self.YAW_SPEED * interval

@@ -25,11 +25,15 @@ class Following:
 
     def __init__(self) -> None:
         self._path: TimedBuffer[Pose, MotionState] = TimedBuffer(_motion)
+        # newest stamp [s] and measured pose
         self._head: tuple[float, Pose] | None = None
+        # stamp at which the head last followed the path [s]
         self._followed_at = -math.inf
-        self.lag = 0.0  #: of the head on its path [s], 0 while it is unknown
-        self._delay = 0.0  # sums of the regression
-        self._power = 0.0
+        #: of the head behind its path [s], 0 while it is unknown, negative for a head that leads
+        self.lag = 0.0
+        # sums of the regression of the error on the velocity, over time [m², m²/s]
+        self._error_by_velocity = 0.0
+        self._velocity_square = 0.0
 
     def begin(self, now: float) -> None:
         """Forget the path before a new path begins."""
@@ -74,17 +78,32 @@ class Following:
         return newest is not None and newest[0] - self._followed_at > OFF_PATH_TIME
 
     def _measure_lag(self, interval: float, error: Pose, velocity: Twist) -> None:
-        """Update the lag [s] by regression of the error on the velocity, with forgetting."""
+        """
+        Update the lag [s] by regression of the error on the velocity, with forgetting.
+
+        The lag is ∫ e·v dt / ∫ v·v dt, where older parts of both integrals decay with `LAG_MEMORY`
+        and yaw is weighted by `ARM`². The sums continue over a new path.
+
+        Parameters
+        ----------
+        interval : float
+            Time since the previous pose of the head [s].
+        error : Pose
+            Pose on the path minus pose of the head [m, m, rad].
+        velocity : Twist
+            Velocity on the path [m/s, m/s, rad/s].
+
+        """
         interval = min(interval, 1.0)
-        fade = math.exp(-interval / self.LAG_MEMORY)
-        turn = self.ARM * self.ARM * velocity.theta
-        delay = error.x * velocity.x + error.y * velocity.y + error.theta * turn
-        power = velocity.x**2 + velocity.y**2 + velocity.theta * turn
-        self._delay = fade * self._delay + interval * delay
-        self._power = fade * self._power + interval * power
+        kept = math.exp(-interval / self.LAG_MEMORY)
+        yaw_weight = self.ARM * self.ARM * velocity.theta
+        product = error.x * velocity.x + error.y * velocity.y + error.theta * yaw_weight
+        square = velocity.x**2 + velocity.y**2 + velocity.theta * yaw_weight
+        self._error_by_velocity = kept * self._error_by_velocity + interval * product
+        self._velocity_square = kept * self._velocity_square + interval * square
 
         # with little motion the lag shrinks, so that it begins without a jump
-        lag = self._delay / max(self._power, self.LEAST_SPEED**2)
+        lag = self._error_by_velocity / max(self._velocity_square, self.LEAST_SPEED**2)
         self.lag = min(max(lag, -self.GREATEST_LAG), self.GREATEST_LAG)
 
 

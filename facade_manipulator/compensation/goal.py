@@ -163,9 +163,9 @@ class GoalTracker:
         """Return whether the newest goal is followed or waits for its answer."""
         return self.is_followed or self.state is GoalState.WAITING
 
-    def is_repetition(self, goal: Goal, has_stamp: bool) -> bool:
+    def answer_repetition(self, goal: Goal, has_stamp: bool) -> bool:
         """
-        Return whether a goal repeats one that is already answered or waits for its answer.
+        Answer a goal that repeats an earlier goal; return whether it does.
 
         A goal with a stamp is answered once: after its rejection or its end, the answer is
         published again. A goal without a stamp repeats the newest goal while this waits or is
@@ -222,7 +222,7 @@ class GoalTracker:
         """Publish a change at once, and the distance every `GOAL_PERIOD` until it is reached."""
         if not self.is_followed:
             return
-        remaining = self._remaining(now)
+        remaining = self._measure_remaining(now)
         state, reason = self._present_state(now, remaining)
         is_changed = state is not self.state or reason != self._reason
         # or the clock was set back
@@ -231,8 +231,8 @@ class GoalTracker:
             self._due = now + self.GOAL_PERIOD
             self._enter(state, reason, remaining)
 
-    def _remaining(self, now: float) -> Remaining:
-        """Measure the distances to the goal, and how long the head has been near."""
+    def _measure_remaining(self, now: float) -> Remaining:
+        """Return what remains until the goal; record how long the head has been near."""
         distance = math.nan
         angle = math.nan
         error = self._compensator.goal_error(now)
@@ -241,7 +241,7 @@ class GoalTracker:
             angle = abs(error.theta)
 
         path_time = self._compensator.path_time(now)
-        is_pressed = self._compensator.contact.pressing.is_held
+        is_pressed = self._compensator.contact.pressing.is_force_reached
         if is_pressed and path_time <= 0.0 and self._is_near(distance, angle):
             self._near_since = min(self._near_since, now)
         else:
@@ -251,24 +251,33 @@ class GoalTracker:
         return Remaining(distance, angle, max(path_time, 0.0) + dwell)
 
     def _is_near(self, distance: float, angle: float) -> bool:
+        """Return whether a distance [m] and an angle [rad] are within the tolerances."""
         factor = self.LEAVING if self.state is GoalState.REACHED else 1.0
         is_close = distance <= factor * self.settings.distance
         return is_close and angle <= factor * self.settings.angle
 
     def _present_state(self, now: float, remaining: Remaining) -> tuple[GoalState, str]:
-        """Return the state of the followed goal and its reason."""
+        """
+        Return the state of the followed goal and its reason.
+
+        A goal is held back by a limit, by pressing that cannot reach its force, or for another
+        reason after the path has ended; the last is logged when it begins. Each phase of pressing
+        without the desired force is a reason, also of a goal that is not held back.
+        """
         compensator = self._compensator
         pressing = compensator.contact.pressing
         reason = compensator.held_back.message(now)
         is_held_back = bool(reason) or pressing.is_hindered
-        if not pressing.is_held:
+        if not pressing.is_force_reached:
             reason = joined(reason, pressing.outcome)
 
-        is_near = self._near_since < math.inf
+        is_near = self._near_since < math.inf  # `_measure_remaining` has measured it
         if is_near and (self.state is GoalState.REACHED or remaining.time <= 0.0):
             return GoalState.REACHED, reason
 
-        is_late = compensator.path_time(now) < -self.ARRIVAL_TIME
+        is_late = (
+            compensator.path_time(now) < -self.ARRIVAL_TIME
+        )  # negative after the end
         if is_late and not is_near and not reason:
             reason = late_reason(compensator, now)
             if reason and self.state is not GoalState.HELD_BACK:

@@ -160,7 +160,7 @@ class CompensatorNode(BaseNode):
         time = planar_messages.seconds(message.header.stamp)
         pose = planar_messages.planar_pose(message.pose, 'goal_pose')
         goal = Goal(pose, stamp_of(message), monotonic())
-        if self._goals.is_repetition(goal, has_stamp=bool(time)):
+        if self._goals.answer_repetition(goal, has_stamp=bool(time)):
             return
         planar_messages.require_recent_command('goal_pose', time, ros_time())
         if self._gate.status is SILENT:  # two publishers silence the driver

@@ -93,7 +93,7 @@ def press(
 def test_force_is_held_on_contacts_up_to_brush_stiffness(stiffness, share):
     run = press(share * stiffness, stiffness=stiffness)
     held = run.forces[-500:]
-    assert run.pressing.mode is PressMode.HOLDING and run.pressing.is_held
+    assert run.pressing.mode is PressMode.HOLDING and run.pressing.is_force_reached
     assert held.mean() == pytest.approx(SETTINGS.force, rel=0.03) and held.std() < 1.0
     assert run.forces.max() < 1.2 * SETTINGS.force
     assert abs(np.diff(run.offsets)).max() <= 2.0 * SPEED * PERIOD + 1e-12
@@ -117,7 +117,7 @@ def test_approach_is_slow_and_ends_at_the_range():
 )
 def test_force_out_of_range_is_a_hindrance(wall, stiffness, mode, reason):
     pressing = press(stiffness, 60.0, wall=lambda time: wall).pressing
-    assert pressing.mode is mode and pressing.is_held is not bool(reason)
+    assert pressing.mode is mode and pressing.is_force_reached is not bool(reason)
     assert pressing.is_hindered is bool(reason)
     assert pressing.outcome.startswith(
         f'{mode.value}: {reason}' if reason else mode.value
@@ -242,11 +242,11 @@ def test_first_touch_and_small_force_do_not_oscillate():
 def test_lowered_force_is_reached_without_a_retract(stiffness, force):
     pressing = press(stiffness, 20.0, stiffness=stiffness).pressing
     pressing.settings = replace(pressing.settings, force=force)
-    is_held_at_once = pressing.is_held
+    is_held_at_once = pressing.is_force_reached
     run = press(stiffness, 10.0, pressing=pressing, start=20.0)
     assert run.pressing.mode is PressMode.HOLDING and not run.pressing.last_reason
     assert run.forces[-300:].mean() == pytest.approx(force, abs=0.5)
-    assert not is_held_at_once and run.pressing.is_held
+    assert not is_held_at_once and run.pressing.is_force_reached
 
 
 def test_fade_of_the_correction_does_not_change_the_force():
@@ -281,7 +281,9 @@ def test_fade_of_the_correction_does_not_change_the_force():
 )
 def test_fault_makes_the_head_retract_with_its_reason(sensor, reason):
     run = press(600.0, sensor=sensor)
-    assert run.pressing.mode is PressMode.RETRACTED and not run.pressing.is_held
+    assert (
+        run.pressing.mode is PressMode.RETRACTED and not run.pressing.is_force_reached
+    )
     assert reason in run.pressing.reason == run.pressing.last_reason
     assert run.pressing.outcome == f'retracted: {run.pressing.reason}'
     assert run.offsets[-1] <= -SETTINGS.retreat
@@ -311,7 +313,7 @@ def test_fault_lasts_until_pressing_is_disabled_and_enabled():
     pressing.settings = replace(SETTINGS, enabled=False)
     off = press(600.0, 5.0, pressing=pressing, start=40.0)
     assert (pressing.mode, pressing.outcome) == (PressMode.OFF, 'not pressing')
-    assert off.offsets[-1] == 0.0 and pressing.is_held
+    assert off.offsets[-1] == 0.0 and pressing.is_force_reached
     pressing.settings = SETTINGS
     assert (
         press(600.0, pressing=pressing, start=45.0).pressing.mode is PressMode.HOLDING

@@ -32,7 +32,10 @@ class Arrival:
         self.error = None
         self.duration = 0.0
         self.pressing = SimpleNamespace(
-            settings=ContactSettings(), is_hindered=False, is_held=True, outcome=''
+            settings=ContactSettings(),
+            is_hindered=False,
+            is_force_reached=True,
+            outcome='',
         )
         compensator = SimpleNamespace(
             goal=None,
@@ -50,7 +53,7 @@ class Arrival:
 
     def hold(self, is_hindered=False, is_pressed=True):
         self.pressing.is_hindered = is_hindered
-        self.pressing.is_held = is_pressed
+        self.pressing.is_force_reached = is_pressed
 
     def run(self, duration):
         for _ in range(round(duration / PERIOD)):
@@ -166,8 +169,8 @@ def test_repetition_of_a_goal_in_force_changes_nothing(machine):
     later = goal._replace(received=1.0)
     unstamped = goal._replace(stamp='1.5')
     for _ in range(2):
-        assert machine.goals.is_repetition(later, has_stamp=True)
-        assert machine.goals.is_repetition(unstamped, has_stamp=False)
+        assert machine.goals.answer_repetition(later, has_stamp=True)
+        assert machine.goals.answer_repetition(unstamped, has_stamp=False)
         machine.goals.reject('1.0', 'goal_pose has 2 publishers')
         assert machine.sent == []
         machine.goals.follow(goal)
@@ -184,7 +187,7 @@ def test_repetition_of_a_goal_in_force_changes_nothing(machine):
 )
 def test_goal_with_another_pose_or_stamp_is_new(machine, goal, has_stamp):
     machine.follow(GOAL, '1.0')
-    assert not machine.goals.is_repetition(goal, has_stamp)
+    assert not machine.goals.answer_repetition(goal, has_stamp)
 
 
 @pytest.mark.parametrize('answer', ['rejected', 'refused', 'ended'])
@@ -201,9 +204,11 @@ def test_repetition_of_an_answered_goal_publishes_the_answer(machine, answer):
         machine.goals.end('halted')
     published = repr(machine.sent[-1])  # nan differs from nan
     machine.sent.clear()
-    assert machine.goals.is_repetition(goal, has_stamp=True)
+    assert machine.goals.answer_repetition(goal, has_stamp=True)
     assert [repr(one) for one in machine.sent] == [published]
-    assert not machine.goals.is_repetition(goal._replace(stamp='9.0'), has_stamp=False)
+    assert not machine.goals.answer_repetition(
+        goal._replace(stamp='9.0'), has_stamp=False
+    )
 
 
 @pytest.mark.parametrize('duration, before', [(0.2, ['superseded']), (LONG, [])])
