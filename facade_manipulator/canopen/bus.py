@@ -188,9 +188,10 @@ class CanBus:
         """
         Send a standard data frame without waiting.
 
-        `sampled` is the monotonic time of the content [s], which a virtual bus carries as the
-        frame's stamp. Raises a BusCongestedError if the interface's queue is full, a BusError if
-        it is down or gone.
+        `sampled` is the time at which its content was measured [s, monotonic], by default now.
+        Only simulated drives have another time: a virtual bus carries it as the stamp of the
+        frame, and other interfaces ignore it. Raises a BusCongestedError if the interface's queue
+        is full, a BusError if it is down or gone.
         """
         age = 0.0 if sampled is None else time.monotonic() - sampled
         message = _SentMessage(
@@ -254,6 +255,7 @@ class CanBus:
                     break
 
     def _error(self, error: Exception) -> BusError:
+        """Return the error of this bus for an error of its interface."""
         code = getattr(error, 'error_code', None) or getattr(error, 'errno', None)
         if code in self._FULL or (code is None and 'full' in str(error).lower()):
             return BusCongestedError(

@@ -26,7 +26,8 @@ class Fault(NamedTuple):
     message: str  #: description; that of a received fault ends with the code
     #: action of the operator before the next clear_faults
     remedy: str = 'look up the error code in the manual of the drive'
-    #: whether the drive's position can no longer be trusted: all lose power and home again
+    #: whether the position of the drive can no longer be trusted: all drives lose power, and
+    #: its axis must home again
     loses_position: bool = False
     is_warning: bool = False  #: a warning of the maker, which does not stop the drives
 
@@ -34,7 +35,7 @@ class Fault(NamedTuple):
 @cache
 def read_faults() -> dict[str, Fault]:
     """
-    Return the faults by code, in which x is any digit.
+    Return the faults by code: four hexadecimal digits, of which the last may be x for any digit.
 
     The first call reads the table in 10 to 50 ms. A control loop calls it before its first cycle.
     """
@@ -50,11 +51,12 @@ def fault(code: int, own: Mapping[int, Fault]) -> Fault:
     row of the table with the fewest x applies.
     """
     digits = f'{code:04X}'
-    rows = (
-        read_faults().get(digits[:known].ljust(4, 'x')) for known in (4, 3, 2, 1, 0)
-    )
-    found = own.get(code) or next(filter(None, rows))
-    return found._replace(message=f'{found.message} (error code {code:04X}h)')
+    rows = read_faults()
+    found = rows['xxxx']
+    for exact in (1, 2, 3, 4):  # number of digits that are not x
+        found = rows.get(digits[:exact].ljust(4, 'x'), found)
+    found = own.get(code, found)
+    return found._replace(message=f'{found.message} (error code {digits}h)')
 
 
 def error_code(data: bytes) -> int:

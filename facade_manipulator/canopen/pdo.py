@@ -69,10 +69,12 @@ class Pdo:
 
     def transmission(self, rate: int) -> int:
         """
-        Return the transmission type at a rate [Hz]: the PDO is sent at every n-th SYNC.
+        Return the transmission type n at a rate of SYNC [Hz].
 
-        The condition of a drive is sent at 10 Hz. The bus has no room for its velocity in every
-        cycle faster than 200 Hz; it is then sent at 50 Hz.
+        A drive sends a TPDO at every n-th SYNC; an RPDO always has 1 and applies at the next SYNC.
+        TPDOs with an object of `STATUS` also have 1, because each of them is an answer to a SYNC.
+        TPDOs with an object of `MOTION` have 1 up to 200 Hz, and are sent at 50 Hz above: the bus
+        has no room for all. The other TPDOs are sent at 10 Hz, such as error code and torque.
         """
         if not self.is_transmitted or not STATUS_OBJECTS.isdisjoint(self.indices):
             return 1
@@ -86,7 +88,11 @@ class Pdo:
         return first + cob_ids.PDO_STEP * (self.number - 1) + node_id
 
     def disable_write(self, node_id: int) -> Write:
-        """Return the write that disables the PDO; the drive may keep another COB-ID."""
+        """
+        Return the write that disables the PDO, which a drive may lack.
+
+        Only the bit that disables it is read back: the drive may keep another COB-ID.
+        """
         entry = self._cob_id_entry(node_id) | cob_ids.NOT_VALID
         return Write(
             self.communication_index,
@@ -94,30 +100,31 @@ class Pdo:
             entry,
             4,
             required=False,
-            compared=cob_ids.NOT_VALID,
+            read_back=cob_ids.NOT_VALID,
         )
 
     def configure_writes(self, node_id: int, rate: int = 100) -> list[Write]:
         """
         Return the writes that configure the PDO, in the order that CiA 301 prescribes.
 
-        The order is: disable, count 0, entries, count, transmission type at a rate [Hz], enable.
-
+        The order is: disable, count 0, entries, count, transmission type at a rate of SYNC [Hz],
+        enable. The first two are not read back, because later writes replace them.
         """
         communication = self.communication_index
         mapping = communication + MAPPING_OFFSET
-        disable = self.disable_write(node_id)._replace(required=True, compared=0)
-        writes = [disable, Write(mapping, 0, 0, 1, compared=0)]
+        disable = self.disable_write(node_id)._replace(required=True, read_back=0)
+        writes = [disable, Write(mapping, 0, 0, 1, read_back=0)]
         for position, item in enumerate(self.content, start=1):
             writes.append(Write(mapping, position, item.mapping, 4))
         writes.append(Write(mapping, 0, len(self.content), 1))
         writes.append(Write(communication, 2, self.transmission(rate), 1))
         entry = self._cob_id_entry(node_id)
         used = cob_ids.NOT_VALID | cob_ids.EXTENDED_FRAME | cob_ids.COB_ID_BITS
-        writes.append(Write(communication, 1, entry, 4, compared=used))
+        writes.append(Write(communication, 1, entry, 4, read_back=used))
         return writes
 
     def _cob_id_entry(self, node_id: int) -> int:
+        """Return the entry of the COB-ID that enables the PDO."""
         return self.cob_id(node_id) | (
             cob_ids.RTR_NOT_ALLOWED if self.is_transmitted else 0
         )

@@ -64,8 +64,8 @@ class Write(NamedTuple):
     #: bytes; None for the size in the drive's object dictionary
     size: int | None = None
     required: bool = True  #: whether a drive without the object is rejected
-    #: mask of the bits that must be read back as written; 0 for an intermediate value
-    compared: int = ALL_BITS
+    #: mask of the bits that must be read back as written; 0: it is not read back
+    read_back: int = ALL_BITS
 
     def __str__(self) -> str:
         return f'{self.index:04X}h:{self.subindex:02X}'

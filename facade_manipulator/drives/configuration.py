@@ -71,9 +71,9 @@ def drive_writes(
         value = item.value
         if isinstance(value, str):
             value = values[value]
-        compared = _USED_VALUE_BITS.get(item.index, ALL_BITS)
+        read_back = _USED_VALUE_BITS.get(item.index, ALL_BITS)
         write = Write(item.index, item.subindex, value)
-        writes.append(write._replace(required=item.required, compared=compared))
+        writes.append(write._replace(required=item.required, read_back=read_back))
 
     for unused in pdo.unused_pdos(profile.pdos):
         writes.append(unused.disable_write(axis.node_id))
@@ -135,7 +135,7 @@ def check(drive: SdoChannel, writes: list[Write]) -> Steps[Comparison]:
     """
     found = Comparison({}, [], set())
     for write in writes:
-        if not write.compared:
+        if not write.read_back:
             continue
         name = str(write)
         try:
@@ -154,6 +154,7 @@ def check(drive: SdoChannel, writes: list[Write]) -> Steps[Comparison]:
 
 
 def _encoded(drive: SdoChannel, write: Write) -> Steps[bytes]:
+    """Return the data of a write; raise a DriveObjectError if the value does not fit."""
     # the size is that of the map or the EDS, else that of the answer of the drive
     size = write.size or drive.size(write.index, write.subindex)
     if not size:
@@ -170,7 +171,7 @@ def _encoded(drive: SdoChannel, write: Write) -> Steps[bytes]:
 def _difference(drive: SdoChannel, write: Write) -> Steps[str]:
     """Return how an object differs from its configured value, ``''`` if equal."""
     data = yield from _encoded(drive, write)
-    mask = write.compared & ((1 << 8 * len(data)) - 1)
+    mask = write.read_back & ((1 << 8 * len(data)) - 1)
     expected = int.from_bytes(data, 'little')
     answer = yield from drive.read(write.index, write.subindex)
     found = int.from_bytes(answer[: len(data)], 'little')

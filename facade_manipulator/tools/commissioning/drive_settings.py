@@ -218,6 +218,6 @@ _ALL_BITS = -1  # mask of an object of any size
 def _write(key: Key, variable: ODVariable) -> Write:
     """Return the write of a value; an integer has the size of the object in the drive."""
     if isinstance(variable.value, int):
-        return Write(*key, variable.value, compared=_ALL_BITS)
+        return Write(*key, variable.value, read_back=_ALL_BITS)
     data = variable.encode_raw(variable.value)  # type: ignore[arg-type]  # the value is set
-    return Write(*key, int.from_bytes(data, 'little'), len(data), compared=_ALL_BITS)
+    return Write(*key, int.from_bytes(data, 'little'), len(data), read_back=_ALL_BITS)
