@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from itertools import chain, product
 import math
 
 from facade_manipulator.drives.stopping_distances import MEASURED_SHARE, Separation
@@ -218,11 +219,11 @@ def _closing_box(geometry: Geometry) -> tuple[float, float, float, float]:
         size = far - near
         side = [near + size * share for share in _shares(round(size / spacing))]
         coarse = [near + size * share for share in _shares(INTERIOR_POINTS)]
-        corners = [(x, y) for x in (far, near) for y in (far, near)]
-        border = [(x, y) for x in (far, near) for y in side]
-        interior = [(x, y) for x in coarse for y in coarse]
+        corners = product((far, near), (far, near))
+        border = product((far, near), side)
+        interior = product(coarse, coarse)
         try:
-            for x, y in corners + border + interior:
+            for x, y in chain(corners, border, interior):
                 check(Carriages(left_maximum - x, right_minimum + y, 0.0))
                 check(Carriages(left_maximum - y, right_minimum + x, 0.0))
         except LimitError:

@@ -6,7 +6,7 @@ Another CiA 402 drive needs a file in ``config/drives`` and no code.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -84,7 +84,8 @@ class DriveProfile:
     motor_speed_unit: str  #: of 6080h, which differs between makers
     acceleration_unit: str  #: per second, of 6083h to 6085h, 609Ah and 60C5h
     homing_methods: tuple[int, ...]  #: homing methods that it supports
-    objects: tuple[ProfileObject, ...]  #: objects to write at configure, in this order
+    #: objects that configure writes, in this order; their values are computed for each axis
+    objects: tuple[ProfileObject, ...]
     quirks: Quirks = Quirks()
     vendor_id: int | None = None  #: maker of these drives (1018h:1); None for any
     product_code: int | None = None  #: product code (1018h:2); None for any
@@ -144,13 +145,8 @@ def quantities(
     """
     motor = replace(axis, velocity_unit=motor_speed_unit or axis.velocity_unit)
     ramp = replace(axis, velocity_unit=axis.acceleration_unit or axis.velocity_unit)
-    ends = sorted(
-        axis.to_counts(end)
-        for end in (
-            axis.lower_limit - axis.limit_margin,
-            axis.upper_limit + axis.limit_margin,
-        )
-    )
+    lower_end = axis.to_counts(axis.lower_limit - axis.limit_margin)
+    upper_end = axis.to_counts(axis.upper_limit + axis.limit_margin)
     supervised = SupervisedHeartbeat(
         cob_ids.MASTER_NODE_ID, round(1e3 * settings.heartbeat_timeout)
     )
@@ -167,8 +163,8 @@ def quantities(
         'heartbeat_time': round(1e3 * settings.heartbeat_period),
         'following_error_window': abs(axis.to_counts(axis.following_error_window)),
         'following_error_time': round(1e3 * axis.following_error_time),
-        'min_position': ends[0],
-        'max_position': ends[1],
+        'min_position': min(lower_end, upper_end),
+        'max_position': max(lower_end, upper_end),
         'interpolation_period': round(1e3 * settings.period),
         'sync_period': round(1e6 * settings.period),
         'homing_method': axis.homing_method,
@@ -240,48 +236,51 @@ def load_profile(name: str) -> DriveProfile:
 def fitting_profile(vendor_id: int | None, product_code: int | None) -> str:
     """Return the name of the profile that fits a drive best: by product, then by maker."""
     names = sorted(path.stem for path in config_path('drives').glob('*.yaml'))
-    known: dict[tuple[int | None, int | None], str] = {
-        (one.vendor_id, one.product_code): one.name
-        for one in map(load_profile, names)
-        if one.vendor_id is not None
-    }
-    return known.get((vendor_id, product_code)) or known.get(
-        (vendor_id, None), 'generic_cia402'
-    )
+    of_product: dict[tuple[int | None, int | None], str] = {}
+    for name in names:
+        profile = load_profile(name)
+        if profile.vendor_id is not None:
+            of_product[profile.vendor_id, profile.product_code] = name
+
+    of_maker = of_product.get((vendor_id, None), 'generic_cia402')
+    return of_product.get((vendor_id, product_code), of_maker)
 
 
 @lru_cache(maxsize=8)  # each of the three axes asks twice, and YAML takes 30 ms
 def _parse(name: str, path: Path, text: str) -> DriveProfile:
+    """Return the profile in the text of a file; raises many errors for a wrong text."""
     data = _table(
         'the profile',
         read_value(text),
         [item.name for item in fields(DriveProfile) if item.name != 'name'],
     )
-    eds, unit = path.parent / str(data['eds']), data['velocity_unit']
+    eds = path.parent / str(data['eds'])
+    unit = data['velocity_unit']
     if not eds.is_file():
         raise ValueError(f'its EDS {eds} does not exist')
-    made: dict[str, Any] = {
-        'motor_speed_unit': unit,
-        'acceleration_unit': unit,
-        **data,
-        'name': name,
-        'eds': eds,
-        'homing_methods': tuple(data['homing_methods']),
-        'objects': tuple(_record(ProfileObject, one) for one in data['objects']),
-        'quirks': _record(Quirks, data.get('quirks', {})),
-        'of_place': tuple(
-            (_checked('index', index), _checked('subindex', subindex))
-            for index, subindex in data.get('of_place', ())
-        ),
-        'errors': {
-            code: _record(Fault, one) for code, one in data.get('errors', {}).items()
-        },
-    }
+    entries: dict[str, Any] = {'motor_speed_unit': unit, 'acceleration_unit': unit}
+    entries |= data
+    entries['name'] = name
+    entries['eds'] = eds
+    entries['homing_methods'] = tuple(data['homing_methods'])
+    entries['objects'] = tuple([_record(ProfileObject, one) for one in data['objects']])
+    entries['quirks'] = _record(Quirks, data.get('quirks', {}))
+
+    places = []
+    for index, subindex in data.get('of_place', ()):
+        places.append((_checked('index', index), _checked('subindex', subindex)))
+    entries['of_place'] = tuple(places)
+
+    errors = {}
+    for code, meaning in data.get('errors', {}).items():
+        errors[code] = _record(Fault, meaning)
+    entries['errors'] = errors
+
     if 'pdos' in data:
-        made['pdos'] = _pdos(data['pdos'])
+        entries['pdos'] = _pdos(data['pdos'])
     if 'input_polarity' in data:
-        made['input_polarity'] = _record(InputPolarity, data['input_polarity'])
-    return DriveProfile(**made)
+        entries['input_polarity'] = _record(InputPolarity, data['input_polarity'])
+    return DriveProfile(**entries)
 
 
 def _record(kind: Any, data: Any) -> Any:
@@ -306,43 +305,55 @@ _NUMBER = range(-(2**31), 2**32)
 
 def _checked(name: str, value: Any) -> Any:
     """Return the value of an entry; raise a ValueError if the value is not allowed."""
-    allowed = (
-        _NUMBER
-        if name == 'value' and type(value) is int
-        else _ALLOWED.get(name, (value,))
-    )
-    if type(value) is not type(allowed[0]) or value not in allowed:
-        expected = (
-            f'from {allowed[0]} to {allowed[-1]}'
-            if isinstance(allowed, range)
-            else f'one of {", ".join(map(str, allowed))}'
-        )
-        raise ValueError(f'{name} = {value!r} is not {expected}')
-    return value
+    allowed = _ALLOWED.get(name, (value,))
+    if name == 'value' and type(value) is int:
+        allowed = _NUMBER
+    if type(value) is type(allowed[0]) and value in allowed:
+        return value
+
+    if isinstance(allowed, range):
+        expected = f'from {allowed[0]} to {allowed[-1]}'
+    else:
+        expected = f'one of {", ".join(map(str, allowed))}'
+    raise ValueError(f'{name} = {value!r} is not {expected}')
 
 
 def _pdos(data: Any) -> tuple[Pdo, ...]:
     """Return the PDOs of a table, which must carry the objects that every drive needs."""
     content = _table('pdos', data, pdo.PDO_NAMES)
-    for kind, possible, needed in (
-        ('RPDO', pdo.COMMAND_OBJECTS, pdo.COMMAND_OBJECTS),
-        ('TPDO', {*pdo.KNOWN_OBJECTS} - pdo.COMMAND_OBJECTS, pdo.STATUS_OBJECTS),
-    ):
-        carried = {
-            index
-            for name in content
-            if name.startswith(kind)
-            for index in content[name]
-        }
-        if unknown := carried - possible:
-            raise ValueError(
-                f'{kind} carries {sorted(unknown)}, not known objects there'
-            )
-        for index in sorted(needed - carried):
-            raise ValueError(
-                f'no {kind} carries object {index:04X}, which every drive needs'
-            )
-    return tuple(
-        Pdo(name, tuple(pdo.KNOWN_OBJECTS[index] for index in mapped))
-        for name, mapped in content.items()
+    _require_objects(
+        'RPDO', content, possible=pdo.COMMAND_OBJECTS, needed=pdo.COMMAND_OBJECTS
     )
+    received = pdo.KNOWN_OBJECTS.keys() - pdo.COMMAND_OBJECTS
+    _require_objects('TPDO', content, possible=received, needed=pdo.STATUS_OBJECTS)
+    pdos = []
+    for name, mapped in content.items():
+        objects = tuple([pdo.KNOWN_OBJECTS[index] for index in mapped])
+        pdos.append(Pdo(name, objects))
+    return tuple(pdos)
+
+
+def _require_objects(
+    kind: str,
+    content: Mapping[str, Sequence[int]],
+    possible: Set[int],
+    needed: Set[int],
+) -> None:
+    """
+    Require that the PDOs of a kind carry all needed indices of objects, and only possible ones.
+
+    The kind is ``'RPDO'`` or ``'TPDO'``; `content` has the indices by the name of the PDO. Raises
+    a ValueError.
+    """
+    carried: set[int] = set()
+    for name, mapped in content.items():
+        if name.startswith(kind):
+            carried.update(mapped)
+
+    unknown = carried - possible
+    if unknown:
+        raise ValueError(f'{kind} carries {sorted(unknown)}, not known objects there')
+    for index in sorted(needed - carried):
+        raise ValueError(
+            f'no {kind} carries object {index:04X}, which every drive needs'
+        )
