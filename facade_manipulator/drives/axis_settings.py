@@ -176,7 +176,7 @@ class AxisSettings:
 
     @cached_property
     def velocity_units_per_count(self) -> float:
-        """Return the velocity units of the drive per count/s."""
+        """Return the velocity units of the drive per count/s, above 0."""
         unit = VELOCITY_UNITS[self.velocity_unit]
         counts = {
             'count': 1.0,
@@ -187,18 +187,23 @@ class AxisSettings:
 
     @cached_property
     def si_per_unit(self) -> SiPerUnit:
-        """Return the SI value of one unit of each quantity of the drive, with the direction."""
+        """
+        Return the SI value of one unit of each measured quantity of the drive.
+
+        All four have the sign of `direction`.
+        """
         metres = 1.0 / self.counts_per_metre
         turns_per_metre = self.direction * self.gear_ratio / self.lead
-        force = (
-            2.0
-            * math.pi
-            * self.efficiency
-            * turns_per_metre
-            * self.rated_torque
-            / 1000.0
+        # N for the rated torque, of which 6077h counts thousandths
+        rated_force = (
+            2.0 * math.pi * self.efficiency * turns_per_metre * self.rated_torque
         )
-        return SiPerUnit(metres, metres / self.velocity_units_per_count, force, metres)
+        return SiPerUnit(
+            position=metres,
+            velocity=metres / self.velocity_units_per_count,
+            force=rated_force / 1000.0,
+            following_error=metres,
+        )
 
     def to_counts(self, position: float) -> int:
         """Return the counts of a position [m]; `configure` rejects more than 32 bits."""

@@ -268,7 +268,7 @@ class DriveController:
             if not may_interrupt:
                 return f'while {running.name} is under way'
         is_configured = self.bus.is_configured
-        if new.request.needs_drives not in (None, is_configured):
+        if new.request.needs_configured not in (None, is_configured):
             negation = '' if is_configured else 'not '
             return f'while the drives are {negation}configured'
         return ''

@@ -87,15 +87,23 @@ class KernelSync:
         """Return when the next SYNC is overdue [s]; it waits for no commands."""
         return self._newest + SYNC_OVERDUE * self._period
 
-    def is_unexpected(self, time: float) -> bool:
-        """Return whether a SYNC is too early for the period; count it then."""
+    def accept_sync(self, time: float) -> bool:
+        """
+        Return whether a received SYNC begins a cycle [s]; count a SYNC that is too early.
+
+        `begin` counts the others.
+        """
         is_early = time < self._newest + SYNC_TOO_EARLY * self._period
         if is_early:
             self._count(time)
-        return is_early
+        return not is_early
 
     def begin(self, time: float, is_received: bool) -> int:
-        """Begin a cycle with a SYNC of the kernel, or with one of the loop if it is overdue."""
+        """
+        Begin a cycle with a SYNC [s] of the kernel, or with one of the loop if it is overdue.
+
+        Return the number of skipped periods.
+        """
         self._newest = time
         if not is_received:
             self._overdue_in_a_row += 1
@@ -108,12 +116,12 @@ class KernelSync:
         """Return the time after which no answer is awaited [s]: the next SYNC does not wait."""
         return sync_time + ANSWERS_DUE * self._period
 
-    def sync_may_wait(self, now: float) -> bool:
+    def let_sync_wait(self, now: float) -> bool:
         """Return whether the overdue SYNC may be among frames that are not read yet."""
         return now < self._newest + SYNC_MISSING * self._period
 
-    def step_may_wait(self, now: float, frame_time: float, due: float) -> bool:
-        """Return whether there is time to read further answers."""
+    def let_step_wait(self, now: float, frame_time: float, due: float) -> bool:
+        """Return whether a step that is due [s] leaves time to read further answers."""
         return now < due + (COMMANDS_DUE - ANSWERS_DUE) * self._period
 
     def has_time(self, now: float) -> bool:
@@ -159,6 +167,7 @@ class KernelSync:
         return max(0, int(following - elapsed / self._period + CYCLE_ROUNDING))
 
     def _count(self, time: float) -> None:
+        """Add a received SYNC to those of the last `SURPLUS_WINDOW`."""
         if self._received:  # an earlier time comes from a system clock that was set
             time = max(time, self._received[-1])
         self._received.append(time)
@@ -175,7 +184,7 @@ class LoopSync:
         self._next_sync = 0.0
         self._newest: float | None = None  # time of the newest SYNC [s]
         self._period = period
-        #: since when a due step has waited for frames that came before [s]
+        # since when a due step has waited for frames that came before [s]; infinity: it does not
         self._waits_since = math.inf
 
     def start(self, now: float) -> float:
@@ -188,12 +197,16 @@ class LoopSync:
         self._next_sync = max(self._next_sync, now + MIN_GAP * self._period)
         return self._next_sync
 
-    def is_unexpected(self, time: float) -> bool:
-        """Return True: a received SYNC comes from another master."""
-        return True
+    def accept_sync(self, time: float) -> bool:
+        """Return False: a received SYNC comes from another master."""
+        return False
 
     def begin(self, time: float, is_received: bool) -> int:
-        """Begin a cycle; plan the next SYNC a period later, and at least 0.8 after this SYNC."""
+        """
+        Begin a cycle [s]; plan the next SYNC a period later, and at least 0.8 after this SYNC.
+
+        Return the number of skipped periods.
+        """
         skipped = 0
         if self._newest is not None:
             periods = (time - self._newest) / self._period
@@ -211,15 +224,17 @@ class LoopSync:
         due = sync_time + ANSWERS_DUE * self._period
         return max(due, first_answer + OTHERS_DUE * self._period)
 
-    def sync_may_wait(self, now: float) -> bool:
+    def let_sync_wait(self, now: float) -> bool:
         """Return False: the loop receives no SYNC."""
         return False
 
-    def step_may_wait(self, now: float, frame_time: float, due: float) -> bool:
+    def let_step_wait(self, now: float, frame_time: float, due: float) -> bool:
         """
-        Return whether an answer that came in time may be among the received frames.
+        Let a step that is due [s] wait for answers that came in time; return whether it waits.
 
-        The wait is at most a period, because frames may arrive faster than they are read.
+        Such an answer may follow a frame that was received before the step was due. The wait
+        begins with the first such frame, and lasts at most a period: frames may arrive faster than
+        they are read.
         """
         if frame_time >= due:
             return False
@@ -323,9 +338,8 @@ class CycleClock:
         self.counter = CycleCounter(period)
         self.is_open = False  #: whether the step of the newest SYNC has not begun
         self.next_event = math.inf  #: time of the step or of the next SYNC [s]
-        #: time of the newest SYNC on the monotonic clock, and on the system clock [s]
-        self.sync_time = 0.0
-        self.sync_stamp = 0.0
+        self.sync_time = 0.0  #: time of the newest SYNC on the monotonic clock [s]
+        self.sync_stamp = 0.0  #: the same on the system clock [s]
         #: time of the newest SYNC without its jitter [s], which would make the speed jump
         self.smooth_time = -math.inf
         self._drives = drives
@@ -348,9 +362,14 @@ class CycleClock:
 
     # --- SYNC
 
-    def is_unexpected(self, time: float) -> bool:
-        """Return whether a received SYNC at a time [s] begins no cycle."""
-        return self.sender.is_unexpected(time)
+    def accept_sync(self, time: float) -> bool:
+        """
+        Return whether a received SYNC at a time [s] begins a cycle, with `receive`.
+
+        A SYNC that is too early begins none: the kernel's after an overdue one, or that of another
+        master. It is counted, and too many of them are a cause of a stop.
+        """
+        return self.sender.accept_sync(time)
 
     def receive(self, time: float, stamp: float) -> None:
         """Begin a cycle with a received SYNC at a time [s]."""
@@ -361,6 +380,7 @@ class CycleClock:
         self._begin(time, stamp, is_received=False)
 
     def _begin(self, time: float, stamp: float, is_received: bool) -> None:
+        """Begin a cycle with a SYNC at a time, and a stamp of the system clock [s]."""
         self.counter.count_skipped(self.sender.begin(time, is_received))
         self.sync_time = time
         self.sync_stamp = stamp
@@ -400,17 +420,18 @@ class CycleClock:
     def _has_all_answers(self) -> bool:
         return self._answers >= self._drives
 
-    def may_wait(self, now: float, time: float) -> bool:
+    def let_wait(self, now: float, frame_time: float) -> bool:
         """
-        Return whether a due step or SYNC may wait until received frames are read.
+        Let a due step or SYNC wait until received frames are read; return whether it waits.
 
-        `time` is that of the last frame [s]. A SYNC or an answer may be among the frames.
+        The exchange asks after it has read a frame, which was received at `frame_time` [s]: a SYNC
+        or an answer may be among the frames that are not read yet.
         """
         if not self.is_open:
-            return self.sender.sync_may_wait(now)
+            return self.sender.let_sync_wait(now)
         if self._has_all_answers:
             return False
-        return self.sender.step_may_wait(now, time, self.next_event)
+        return self.sender.let_step_wait(now, frame_time, self.next_event)
 
     # --- step and commands
 

@@ -152,6 +152,7 @@ class CyclicExchange:
             self.stop_for(Cause(message, Remedy.COMPUTER))
 
     def _dispatch(self, frame: Frame) -> None:
+        """Pass a frame to its receiver, and stop the drives if that returns a cause."""
         least_length, receive = self._routes.get(frame.cob_id, self._IGNORED)
         if len(frame.data) >= least_length:
             cause = receive(frame)
@@ -159,11 +160,16 @@ class CyclicExchange:
                 self.stop_for(cause)
 
     def _on_sync(self, frame: Frame) -> Cause | None:
-        """Begin a cycle with the SYNC of the kernel; for another return the cause of a stop."""
+        """
+        Begin a cycle with the SYNC of the kernel.
+
+        Return the cause of a stop by the SYNC of another master, if any.
+        """
+        self.masters.note_own_sync(frame)
         if self.masters.is_foreign_sync(frame):
             return self.masters.receive_foreign_sync(frame)
-        if self.clock.is_unexpected(frame.time):
-            return None
+        if not self.clock.accept_sync(frame.time):
+            return None  # the clock has counted it
         if self.clock.is_open:  # a late loop: the step comes before the next cycle
             self._next_sync = frame
             self._is_due = True
@@ -172,6 +178,7 @@ class CyclicExchange:
         return None
 
     def _on_tpdo(self, axis: Axis, tpdo: Pdo, frame: Frame) -> Cause | None:
+        """Receive process data; return the cause of a stop, if any."""
         before = axis.answers.newest
         cause = axis.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time)
         if axis.answers.newest != before:
@@ -197,7 +204,7 @@ class CyclicExchange:
             self._send_commands(now)
         if now < clock.next_event:
             return
-        if frame is not None and clock.may_wait(now, frame.time):
+        if frame is not None and clock.let_wait(now, frame.time):
             return
         if clock.is_open:
             self._is_due = True
@@ -222,6 +229,7 @@ class CyclicExchange:
         return True
 
     def _step(self, now: float) -> None:
+        """Supervise, step the states and send the commands of a cycle at a time [s]."""
         may_send = self.clock.finish(now)
         self._supervise(now)
 

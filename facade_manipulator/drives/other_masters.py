@@ -49,7 +49,7 @@ class OtherMasters:
 
     def _receive(self, name: str, commands_drives: bool, _: Frame) -> Cause | None:
         if not self._has_started:
-            raise _in_use(name)
+            raise _in_use_error(name)
         if not commands_drives:
             return None
         message = f'another master is on the bus, {name} was received'
@@ -83,11 +83,15 @@ class OtherMasters:
         """
         self._accepts_sync = is_expected
         if self._has_received_sync and not is_expected:
-            raise _in_use(_SYNC_NAME)
+            raise _in_use_error(_SYNC_NAME)
 
     def forget_sync(self) -> None:
         """Forget the SYNC that was received from drives, before configure ended it."""
         self._has_received_sync = False
+
+    def note_own_sync(self, frame: Frame) -> None:
+        """Note that SocketCAN marks our SYNC, once a SYNC has the mark."""
+        self._has_local_sync = self._has_local_sync or frame.is_local
 
     def is_foreign_sync(self, frame: Frame) -> bool:
         """
@@ -96,12 +100,11 @@ class OtherMasters:
         Our SYNC has no data. Where SocketCAN marks it as sent on this computer, a SYNC without
         this mark is foreign. Elsewhere the clock counts the SYNCs that are too many.
         """
-        self._has_local_sync = self._has_local_sync or frame.is_local
         is_unmarked = self._has_local_sync and not frame.is_local
         return bool(frame.data) or is_unmarked
 
 
-def _in_use(name: str) -> BusError:
+def _in_use_error(name: str) -> BusError:
     return BusError(
         f'another master uses this bus: {name} was received; end that master (a second '
         'driver, a configuration tool), or open another bus'

@@ -39,7 +39,12 @@ _log = logging.getLogger(__name__)
 
 
 def request_realtime(settings: ControllerSettings) -> list[str]:
-    """Request the scheduling of the settings for this process; return the rejections."""
+    """
+    Request priority, locked memory and CPU of the settings; return a message for each rejection.
+
+    The priority is that of all threads of this process, the CPU that of the calling thread and of
+    threads that it starts later.
+    """
     priority = settings.realtime_priority
     cpu = settings.cpu
     rejections = []
@@ -48,7 +53,8 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
             lambda: set_priority(priority),
             f'SCHED_FIFO with priority {priority} is rejected: it needs {_PERMISSION}',
         )
-        if not rejections:  # without a priority, memory that waits matters little
+        # Without a priority, other programs delay the loop more than pages that must be loaded.
+        if not rejections:
             rejections += _rejection(
                 _lock_memory,
                 'the memory cannot be locked: it needs LimitMEMLOCK=infinity in the systemd '

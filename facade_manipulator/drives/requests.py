@@ -1,10 +1,10 @@
 """
 Requests of an operator: nine generator functions and their table.
 
-The controller begins a generator between two cycles and resumes it in each cycle. Its return value
-is the reply. A ManipulatorError is the reply of a failure; before the first ``yield`` it rejects
-the request. A request that is cancelled is closed. The controller closes a bus whose drives are
-not configured when no request is left.
+The controller begins a generator between two cycles and resumes it in each turn of the control
+loop. Its return value is the reply. A ManipulatorError is the reply of a failure; before the first
+``yield`` it rejects the request. A request that is cancelled is closed. The controller closes a
+bus whose drives are not configured when no request is left.
 """
 
 from __future__ import annotations
@@ -173,11 +173,16 @@ def clear_faults(controller: DriveController) -> Steps[str]:
 
 
 def self_test(controller: DriveController) -> Steps[dict[str, str]]:
-    """Prove identity, units and objects of the drives; return a problem, or ``''``, by axis."""
+    """
+    Check identity, units and objects of all drives, and write no object.
+
+    Return the problem of each axis by its name, ``''`` for none.
+    """
     if controller.group.state.has_power:
         raise DriveStateError('self_test is not possible while the drives have power')
 
     def find_problem(drive: SdoAccess) -> Steps[str]:
+        """Return the problem of a drive, ``''`` for none."""
         try:
             yield from drive.prove()
         except DriveError as error:
@@ -221,15 +226,17 @@ class Request(NamedTuple):
 
     run: Callable[[DriveController], Steps[Any]]
     state: ControllerState
-    #: whether the drives must be configured, or must not; None if both are possible
-    needs_drives: bool | None = True
-    #: whether it may begin while another runs, which it cancels unless it ends at once
+    #: whether the drives must be configured (True), or must not (False); None: both are possible
+    needs_configured: bool | None = True
+    #: whether it may begin while another request runs, which it cancels unless it ends at once
     interrupts: bool = False
     needs_bus: bool = True  #: whether it fails if the bus is lost in the meantime
 
 
 REQUESTS = {
-    'configure': Request(configure, ControllerState.CONFIGURING, needs_drives=False),
+    'configure': Request(
+        configure, ControllerState.CONFIGURING, needs_configured=False
+    ),
     'home': Request(home, ControllerState.HOMING),
     'activate': Request(activate, ControllerState.ACTIVATING),
     'deactivate': Request(deactivate, ControllerState.DEACTIVATING),
@@ -240,7 +247,7 @@ REQUESTS = {
     'close': Request(
         close,
         ControllerState.CLEANING_UP,
-        needs_drives=None,
+        needs_configured=None,
         interrupts=True,
         needs_bus=False,
     ),

@@ -4,7 +4,8 @@ SDO access to one drive: its identity, configuration, use and power.
 The methods of `SdoAccess` that use objects are generators, which yield while they wait for the
 drive. They raise a DriveError that names the drive and its failure, or a BusError if the bus is
 lost. `begin` starts one of them. Each answer of the drive resumes it at once, because a drive has
-more than a hundred objects. The request resumes it in each cycle, for its time-outs.
+more than a hundred objects. The request also resumes it in each turn of the control loop, for its
+time-outs.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class DriveSteps:
         self._result: Any = None
 
     def resume(self) -> None:
-        """Resume the steps until they wait again or end; never raise."""
+        """Resume the steps until they wait again or end; `result` raises their error."""
         if self.is_done:
             return
         try:
@@ -55,14 +56,13 @@ class DriveSteps:
         except StopIteration as end:
             self._result = end.value
             self.is_done = True
-        except (
-            Exception
-        ) as error:  # the request raises it, with those of the other drives
+        except Exception as error:
+            # kept, because the other drives continue and may fail as well
             self.error = error
             self.is_done = True
 
     def result(self) -> Any:
-        """Return the result of the steps, or raise their error."""
+        """Return the result of steps that are done, or raise their error."""
         if self.error is not None:
             raise self.error
         return self._result
@@ -169,11 +169,12 @@ class SdoAccess:
         return notes
 
     def _unit_conflicts(self) -> Steps[list[str]]:
+        """Return the units of the drive that differ from the settings of the axis."""
         conflicts = yield from unit_conflicts(self.objects.read_optional, self._axis)
         return [f'{self._title}: {problem}' for problem in conflicts]
 
     def prove(self) -> Steps[None]:
-        """Check identity, units and objects, and change nothing."""
+        """Check identity, units and objects, and write no object."""
         yield from self.identify()
         compared = yield from check(self.objects, self._writes)
         problems = yield from self._unit_conflicts()

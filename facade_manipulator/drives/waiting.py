@@ -1,4 +1,8 @@
-"""Steps of requests that wait: for the group, for each drive, or for the SDO of all drives."""
+"""
+Waits of requests: for the group, for each drive, or for the SDO of all drives.
+
+The control loop resumes these generators in each of its turns, also before the cycle has started.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +38,13 @@ def until_all(
     timeout: float,
     failure: str,
 ) -> Steps[None]:
-    """Wait until a condition holds for all axes; a DriveError names the others."""
+    """
+    Wait until a condition holds for all axes at the same time.
+
+    Raises a DriveError after the timeout [s]: it names the axes without the condition, followed by
+    `failure`, such as ``'did not answer'``. Unlike `until`, it also waits while the drives are
+    stopped.
+    """
     end = controller.now + timeout
     while True:
         missing = [axis.title for axis in controller.axes if not condition(axis)]
@@ -56,9 +66,10 @@ def each(
     timeout: float | None = None,
 ) -> Steps[list[Result]]:
     """
-    Do the steps of each drive, all drives at the same time; return the results.
+    Do the steps of each drive, all drives at the same time; return the results by axis.
 
-    Raises a DriveError that names the failures of all drives.
+    No drive is asked after the timeout [s], by default `TURN_TIMEOUT`. Raises a DriveError that
+    names the failures of all drives, or any other error of one drive.
     """
     drives = [axis.sdo for axis in controller.axes]
     deadline = controller.now + (timeout or TURN_TIMEOUT)
@@ -75,6 +86,7 @@ def each(
 
 
 def _results(ended: Sequence[DriveSteps]) -> list[Result]:
+    """Return the results of steps that have ended; raise their errors as one."""
     errors = [one.error for one in ended if isinstance(one.error, DriveError)]
     if len(errors) > 1:
         raise DriveError(joined(*map(str, errors))) from errors[0]
