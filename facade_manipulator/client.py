@@ -293,9 +293,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             try:
                 self.wait_until(partial(self._is_reached, stamp), 'the goal', timeout)
             except NoAnswerError as error:
-                raise self._not_reached(str(error)) from error
+                raise self._not_reached_error(str(error)) from error
 
-    def _not_reached(self, problem: str) -> GoalNotReachedError:
+    def _not_reached_error(self, problem: str) -> GoalNotReachedError:
         """Return the error of the last goal sent, with its progress and a next step."""
         progress = self.progress or self.UNKNOWN_PROGRESS
         next_step = '' if NEXT in progress.message else f'{NEXT}{self.CHECK_GOAL}'

@@ -15,7 +15,7 @@ from .description import urdf as urdf
 from .geometry import Carriages as Carriages
 from .geometry import Geometry as Geometry
 from .geometry import GRAVITY as GRAVITY
-from .geometry import not_finite as not_finite
+from .geometry import not_finite_error as not_finite_error
 from .geometry import Pose as Pose
 from .geometry import Twist as Twist
 from .geometry import Wrench as Wrench

@@ -201,7 +201,7 @@ class Geometry:
         )
 
 
-def not_finite(values: Pose | Carriages) -> ParameterError:
+def not_finite_error(values: Pose | Carriages) -> ParameterError:
     """Return the error that names the first of `values` that is not a finite number."""
     for name, value in zip(values._fields, values, strict=True):
         if not math.isfinite(value):

@@ -62,7 +62,18 @@ def links(
     """
     Return s, c, u1, u2, s1 and s2 of a pose of the platform.
 
-    `root` takes s1² and s2², which are negative out of reach; by default this is a ValueError.
+    Parameters
+    ----------
+    sides : Sides
+        l1, l2, b1 and b2 [m].
+    y, theta : float or array
+        Pose of the platform [m, rad]; nothing depends on x.
+    sin, cos : callable
+        Those of numpy for arrays.
+    root : callable
+        Square root of s1² and s2², which are negative out of reach. The default raises a
+        ValueError there; that of numpy returns NaN, and another may return 0.
+
     """
     link1, link2, half1, half2 = sides
     sine = sin(theta)

@@ -34,7 +34,7 @@ from facade_manipulator.kinematics.closure import (
 from facade_manipulator.kinematics.geometry import (
     Carriages,
     Geometry,
-    not_finite,
+    not_finite_error,
     Pose,
     Twist,
     Wrench,
@@ -124,10 +124,10 @@ class Mechanism:
             x, y, theta = pose if self._is_aligned else self.platform(pose)
             at = links(self.sides, y, theta)
         except ValueError:
-            raise self._out_of_reach(pose) from None
+            raise self._reach_error(pose) from None
         _, _, _, _, s1, s2 = at
         if not (s1 * s2 > 0.0 and isfinite(x)):
-            raise self._out_of_reach(pose)
+            raise self._reach_error(pose)
         return at
 
     def inverse_kinematics(self, pose: Pose) -> Carriages:
@@ -140,9 +140,9 @@ class Mechanism:
             x, y, theta = pose if self._is_aligned else self.platform(pose)
             _, cosine, _, _, s1, s2 = links(self.sides, y, theta)
         except ValueError:
-            raise self._out_of_reach(pose) from None
+            raise self._reach_error(pose) from None
         if not (s1 * s2 > 0.0 and isfinite(x)):
-            raise self._out_of_reach(pose)
+            raise self._reach_error(pose)
 
         _, _, half1, half2 = self.sides
         actual = (x - half1 * cosine + s1, x + half2 * cosine - s2, x)
@@ -164,7 +164,7 @@ class Mechanism:
         if (
             not -MAXIMUM_REACH < left < right < MAXIMUM_REACH
         ):  # NaN fails every comparison
-            raise _not_in_order(self.on_rail(carriages))
+            raise _order_error(self.on_rail(carriages))
         y, theta = assemble(self.sides, left, right)
         platform = _new_tuple(Pose, (x, y, theta))
         return platform if self._is_aligned else self.head(platform)
@@ -305,16 +305,16 @@ class Mechanism:
         """
         for carriages in path:
             if not all(map(isfinite, carriages)):
-                raise not_finite(Carriages(*carriages))
+                raise not_finite_error(Carriages(*carriages))
             self._require_rail(carriages)
             q1, q2, q3 = self.on_rail(carriages)
             y, theta = assemble(self.sides, q1 - q3, q2 - q3)
             require_branch(self.sides, q1 - q3, q2 - q3, y, theta)
 
-    def _out_of_reach(self, head: Pose) -> ManipulatorError:
+    def _reach_error(self, head: Pose) -> ManipulatorError:
         """Return the error for a head that is not finite, or for the link that is too short."""
         if not all(map(isfinite, head)):
-            return not_finite(Pose(*head))
+            return not_finite_error(Pose(*head))
         _, y, theta = self.platform(head)
         link1, link2, half1, half2 = self.sides
         distance1 = abs(y - half1 * sin(theta))
@@ -368,11 +368,11 @@ class Mechanism:
         return Carriages(q1 - offset1, q2 - offset2, q3 - offset3)
 
 
-def _not_in_order(carriages: Carriages) -> ManipulatorError:
+def _order_error(carriages: Carriages) -> ManipulatorError:
     """Return the error that describes carriages in the wrong order or beyond all reach."""
     q1, q2, q3 = carriages
     if not all(map(isfinite, carriages)):
-        return not_finite(carriages)
+        return not_finite_error(carriages)
     apart = max(abs(q1 - q3), abs(q2 - q3))
     if apart > MAXIMUM_REACH:
         return UnreachableError(

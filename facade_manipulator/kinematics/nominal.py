@@ -14,7 +14,12 @@ from typing import TYPE_CHECKING
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import closure
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
+from facade_manipulator.kinematics.geometry import (
+    Carriages,
+    Geometry,
+    not_finite_error,
+    Pose,
+)
 from facade_manipulator.kinematics.links import branch_number, Links, squared_index
 
 if TYPE_CHECKING:
@@ -144,7 +149,7 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> tuple[Pose, ...]
     """
     q1, q2, q3 = carriages
     if not all(map(isfinite, carriages)):
-        raise not_finite(Carriages(q1, q2, q3))
+        raise not_finite_error(Carriages(q1, q2, q3))
     modes = []
     for y, theta in closure.platforms(
         geometry.link_length, geometry.platform_half_length, q1 - q3, q2 - q3

@@ -38,7 +38,9 @@ def subtract(a: Pose, b: Pose) -> Pose:
 
 def compose(a: Pose, b: Pose) -> Pose:
     """
-    Return the pose `b`, given relative to `a`, in the frame in which `a` is given [m, m, rad].
+    Return the product a·b of two poses [m, m, rad].
+
+    If `a` is the pose of a frame A in a frame F, and `b` is a pose in A, the product is `b` in F.
 
     The angles add without wrapping, so that a path of poses stays continuous.
     """

@@ -87,7 +87,7 @@ class SetpointFollower:
     check : callable
         Takes carriage positions, each of shape (3,) [m], and raises a ManipulatorError for the
         first impossible or forbidden one.
-    fastest : callable
+    allowed_speed : callable
         Takes carriage positions, each of shape (3,) [m], and returns the speed that is allowed
         at all of them [m/s].
 
@@ -109,28 +109,30 @@ class SetpointFollower:
         limits: MotionLimits,
         period: float,
         check: Callable[..., None],
-        fastest: Callable[..., float] = lambda *_: math.inf,
+        allowed_speed: Callable[..., float] = lambda *_: math.inf,
     ) -> None:
         self.settings = settings
-        #: number of cycles in which the limits slowed the carriages; number of forced brakes
+        #: number of cycles in which the limits slowed the carriages
         self.limited_cycles = 0
-        self.brakes = 0
+        self.brakes = 0  #: number of forced brakes
         self.last_brake = ''  #: cause of the last forced brake
         self._period = period
-        self._fastest = 0.0
-        self._hardest = 0.0
+        # above them a setpoint is wrong [m/s, m/s²]; they grow with the limits
+        self._tolerated_speed = 0.0
+        self._tolerated_acceleration = 0.0
         self.change_limits(limits)
         self._check = check
-        self._fastest_at = fastest
+        self._allowed_speed = allowed_speed
         #: the commanded motion; None before the first `reset`
         self.motion: CarriageMotion | None = None
-        # before the last `sample`, or after the last `reset`
+        # the commanded motion before the last `sample`, or after the last `reset`
         self._motion_before: CarriageMotion | None = None
+        # the motions to rest from the commanded motion
         self._stop: Iterator[CarriageMotion] = iter(())
         self._stream: TimedBuffer[Setpoint, tuple[PerCarriage, PerCarriage]] = (
             TimedBuffer(interpolate)
         )
-        self._sampled = -math.inf
+        self._sampled = -math.inf  # the time for which `sample` was called last [s]
         self.activity = Activity.HOLDING
 
     @property
@@ -152,8 +154,12 @@ class SetpointFollower:
         Lower limits reject no setpoint: the carriages arrive later.
         """
         self._limiter = PathLimiter(limits, self._period)
-        self._fastest = max(self._fastest, self.TOLERATED * limits.speed)
-        self._hardest = max(self._hardest, self.TOLERATED * limits.acceleration)
+        self._tolerated_speed = max(
+            self._tolerated_speed, self.TOLERATED * limits.speed
+        )
+        self._tolerated_acceleration = max(
+            self._tolerated_acceleration, self.TOLERATED * limits.acceleration
+        )
 
     def reset(self, positions: PerCarriage) -> None:
         """Hold at measured positions [m] and forget the stream."""
@@ -217,7 +223,13 @@ class SetpointFollower:
         if last is None:
             last = Setpoint(-math.inf, self.motion.position, setpoint.velocity)
         first_step = self.settings.first_step
-        require_possible(setpoint, last, first_step, self._fastest, self._hardest)
+        require_possible(
+            setpoint,
+            last,
+            first_step,
+            self._tolerated_speed,
+            self._tolerated_acceleration,
+        )
 
         if is_first:
             self._stream.clear()
@@ -318,7 +330,7 @@ class SetpointFollower:
         if not limiter.allows(before, limiter.limits.speed):
             return self._brake(before, self.LIMITS_LOWERED)
 
-        limiter.speed = min(limiter.limits.speed, self._fastest_at(before.position))
+        limiter.speed = min(limiter.limits.speed, self._allowed_speed(before.position))
         motion = limiter.reach(before, position, velocity)
         activity = Activity.FOLLOWING
         try:
@@ -350,12 +362,12 @@ class SetpointFollower:
         for _, velocity, _ in path:
             speeds += velocity
         # This is rare: two carriages are near each other.
-        if greatest(speeds) > self._fastest_at(*positions):
+        if greatest(speeds) > self._allowed_speed(*positions):
             for position, velocity, _ in path:
                 require_within(
                     'speed of {} at this distance from its neighbour',
                     velocity,
-                    self._fastest_at(position),
+                    self._allowed_speed(position),
                     'm/s',
                 )
         return _motions(self._limiter, motion, path[1:])  # of the present limits

@@ -39,7 +39,7 @@ from facade_manipulator.nodes.node_subscriptions import PublisherWatch
 from facade_manipulator.nodes.planar_messages import (
     estimated_pose,
     Frames,
-    not_measured,
+    not_measured_error,
     require_measured,
 )
 from facade_manipulator.nodes.run import run
@@ -128,7 +128,9 @@ class DisturbanceEstimatorNode(BaseNode):
         for axis, value, variance in zip(Pose._fields, pose, variances, strict=True):
             channel = f'{name}.{axis}'
             if not is_measured(variance):
-                self._rejections[channel].add(now, not_measured(channel, variance))
+                self._rejections[channel].add(
+                    now, not_measured_error(channel, variance)
+                )
                 continue
             self._estimator.add(channel, now, time, value, variance)
 

@@ -185,10 +185,10 @@ def require_measured(
 ) -> None:
     """Reject a value that its variance marks as not measured, with reason ``'not_measured'``."""
     if not is_measured(variance, largest_deviation):
-        raise not_measured(name, variance, largest_deviation)
+        raise not_measured_error(name, variance, largest_deviation)
 
 
-def not_measured(
+def not_measured_error(
     name: str, variance: float, largest_deviation: float = LARGEST_DEVIATION
 ) -> InputError:
     """Return the rejection of a value that was not measured; the caller raises it."""
