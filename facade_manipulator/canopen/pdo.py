@@ -72,9 +72,9 @@ class Pdo:
         Return the transmission type n at a rate of SYNC [Hz].
 
         A drive sends a TPDO at every n-th SYNC; an RPDO always has 1 and applies at the next SYNC.
-        TPDOs with an object of `STATUS` also have 1, because each of them is an answer to a SYNC.
-        TPDOs with an object of `MOTION` have 1 up to 200 Hz, and are sent at 50 Hz above: the bus
-        has no room for all. The other TPDOs are sent at 10 Hz, such as error code and torque.
+        TPDOs with an object of `STATUS_OBJECTS` also have 1: each of them is an answer to a SYNC.
+        TPDOs with an object of `MOTION_OBJECTS` have 1 up to 200 Hz, and are sent at 50 Hz above:
+        the bus has no room for all. The others, such as error code and torque, are sent at 10 Hz.
         """
         if not self.is_transmitted or not STATUS_OBJECTS.isdisjoint(self.indices):
             return 1

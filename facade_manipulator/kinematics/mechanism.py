@@ -161,9 +161,8 @@ class Mechanism:
         x = q3 + offset3
         left = q1 + offset1 - x
         right = q2 + offset2 - x
-        if (
-            not -MAXIMUM_REACH < left < right < MAXIMUM_REACH
-        ):  # NaN fails every comparison
+        # NaN fails every comparison
+        if not -MAXIMUM_REACH < left < right < MAXIMUM_REACH:
             raise _order_error(self.on_rail(carriages))
         y, theta = assemble(self.sides, left, right)
         platform = _new_tuple(Pose, (x, y, theta))
