@@ -122,6 +122,7 @@ class GondolaSimulatorNode(BaseNode):
             )
 
     def _receive_goal(self, message: PoseStamped) -> None:
+        """Publish the errors of the head from this goal on, if it is inside the workspace."""
         goal = planar_messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
         self._mechanism.certify(goal)
         world = self._world

@@ -86,6 +86,7 @@ class SimulatedDrive:
             motor.inverted = lambda: (
                 objects.values.get(polarity[:2], 0) >> polarity.shift
             )
+        # boots, and thereby sets `_boot_at` and `node_id`
         self.set_identity(
             scale.vendor_id, scale.product_code, 1, axis.serial_number or axis.node_id
         )
@@ -243,15 +244,16 @@ class SimulatedDrive:
                 self.axis.lose_connection()
 
     def _restart(self, keeps_application: bool) -> None:
-        self._boot_at = self.now + self._BOOT_TIME
-        self.node_id = (
-            self.lss.pending
-        )  #: with UNCONFIGURED the drive is silent until LSS sets it
+        """Restart the communication, and the application unless it continues; the drive boots."""
+        self._boot_at = self.now + self._BOOT_TIME  # infinity after the boot
+        #: with UNCONFIGURED the drive is silent until LSS sets it
+        self.node_id = self.lss.pending
         self.objects.restart(self.node_id, keeps_application)
         self._forget_master()
         self._pdo.forget()
 
     def _boot(self) -> None:
+        """Send the boot-up message, start the heartbeat, and report an open safe torque off."""
         self._boot_at = math.inf
         self._last_sync = self.now
         if self.node_id != UNCONFIGURED:

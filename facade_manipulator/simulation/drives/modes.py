@@ -35,11 +35,11 @@ class SpeedRamp:
         self.acceleration = acceleration
         self.goal = 0.0
 
-    def step(self, step: float) -> float:
-        """Move the demand by a step [s]; return its speed [counts/s]."""
-        most = self.acceleration * step
+    def step(self, interval: float) -> float:
+        """Move the demand over an interval [s]; return its speed [counts/s]."""
+        most = self.acceleration * interval
         change = min(max(self.goal - self.speed, -most), most)
-        self.position += (self.speed + 0.5 * change) * step
+        self.position += (self.speed + 0.5 * change) * interval
         self.speed += change
         return self.speed
 
@@ -81,12 +81,12 @@ class CyclicPosition(Idle):
         else:
             self.position = self.target()
 
-    def step(self, step: float) -> float:
-        """Move the demand by a step [s]; return its mean speed [counts/s]."""
-        moving = min(step, self._remaining)
+    def step(self, interval: float) -> float:
+        """Move the demand over an interval [s]; return its mean speed [counts/s]."""
+        moving = min(interval, self._remaining)
         self._remaining -= moving
         self.position += self.speed * moving
-        return self.speed * moving / step
+        return self.speed * moving / interval
 
     def status(self) -> int:
         """Return the mode-specific bits of the statusword."""
@@ -158,17 +158,17 @@ class Homing(Idle):
             return direction * turn * (math.floor(direction * home / turn) + 1)
         return home
 
-    def step(self, step: float) -> float:
-        """Move the demand by a step [s]; return its speed [counts/s]."""
+    def step(self, interval: float) -> float:
+        """Move the demand over an interval [s]; return its speed [counts/s]."""
         self.goal = 0.0
         if self._home is not None:
             way = self._home - self.position
             speed = self._objects.counts(indices.HOMING_SPEEDS, 1)
             braking = math.sqrt(2.0 * self.acceleration * abs(way))
             self.goal = math.copysign(min(speed, braking), way)
-            if abs(way) < 1.0 + 2.0 * self.acceleration * step * step:
+            if abs(way) < 1.0 + 2.0 * self.acceleration * interval * interval:
                 self._count_from(self._home)  # reached while braking
-        return super().step(step)
+        return super().step(interval)
 
     def _count_from(self, home: float) -> None:
         """End homing: set the encoder as the objects specify for the home position [counts]."""

@@ -58,7 +58,8 @@ class SimulatedMotor:
         self._direction = scale.direction
         self.counts_per_metre = abs(scale.counts_per_metre)
         self._force_per_torque = abs(scale.si_per_unit.force)
-        # edges of stops and switches from the middle of the rail, to both sides [counts]
+        # distances of hard stops and edges of switches from the middle of the rail, to both
+        # sides [counts]
         self.hard_stop = self._HARD_STOP * self.counts_per_metre
         self.limit_switch = self._LIMIT_SWITCH * self.counts_per_metre
         self.home_switch = settings.home_switch_width / 2.0 * self.counts_per_metre
@@ -146,6 +147,7 @@ class SimulatedMotor:
         self._move(self.velocity - _bounded(self.velocity, braking), step)
 
     def _move(self, velocity: float, step: float) -> None:
+        """Move with a velocity [counts/s] for a step [s], up to the hard stops."""
         self.velocity = velocity
         self.position += velocity * step
         if abs(self.position) > self.hard_stop:

@@ -171,8 +171,9 @@ class Objects(LocalNode):
         self.missing = [*self._ABSENT, *missing]
         self.outbox = Outbox()
         self.values: dict[Key, Any] = {}
-        #: in which this drive differs from the EDS after a reset, without and with 1010h
+        #: values after a reset in which this drive differs from its EDS
         self.defaults: dict[Key, Any] = {}
+        #: values that 1010h has stored, which precede the defaults
         self.stored: dict[Key, Any] = {}
         self.readers: dict[Key, Callable[[], Any]] = {}  #: return measured values
         self.choices: dict[Key, Collection[int]] = {}  #: permitted values of an object

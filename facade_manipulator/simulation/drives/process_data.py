@@ -116,6 +116,7 @@ class ProcessData:
 
 
 def _enabled(pdos: PdoBase) -> list[PdoMap]:
+    """Return the enabled PDOs with objects, as configured by the objects of the drive."""
     for one in pdos.values():
         one.is_received = False
         with suppress(KeyError):  # the drive lacks one of its objects

@@ -80,9 +80,9 @@ class SimulatedAxis:
             Mode.CYCLIC_SYNCHRONOUS_POSITION: self.cyclic,
             Mode.HOMING: self.homing,
         }
-        #: whether safe torque off is open; then there is no power
+        #: whether the input of safe torque off is open; then the motor has no power
         self.torque_off = False
-        self._time = -math.inf
+        self._time = -math.inf  # of the last call of `advance` [s]
         objects.readers.update(
             {
                 (indices.STATUSWORD, 0): lambda: self.statusword,
@@ -190,7 +190,7 @@ class SimulatedAxis:
             self.state is State.OPERATION_ENABLED
             and self._mode == Mode.CYCLIC_SYNCHRONOUS_POSITION
         ):
-            if self._has_new_target():
+            if self._latch_bit_4():
                 self.cyclic.latch()
             low = self._values[indices.POSITION_LIMITS, 1]
             high = self._values[indices.POSITION_LIMITS, 2]
@@ -198,8 +198,8 @@ class SimulatedAxis:
             if low < high and not low <= target <= high:
                 self._report(SOFTWARE_LIMIT)
 
-    def _has_new_target(self) -> bool:
-        """Return whether bit 4 of the controlword lets the drive take a target."""
+    def _latch_bit_4(self) -> bool:
+        """Latch bit 4 of the controlword; return whether it lets the drive take a target."""
         before = self._latched_bit_4
         self._latched_bit_4 = self._controlword & Controlword.NEW_TARGET
         kind = self._objects.profile.quirks.cyclic_bit_4
@@ -210,10 +210,18 @@ class SimulatedAxis:
     # --- transitions
 
     def _obey(self, command: Controlword) -> None:
+        """Make the transition that a command causes in the present state, if any."""
         self._enter(TRANSITIONS.get((self.state, command), self.state))
 
     def _enter(self, state: State) -> None:
-        if state is self.state or state is State.OPERATION_ENABLED and self.torque_off:
+        """
+        Enter another state of CiA 402; safe torque off prevents the operation.
+
+        The operation begins in the present mode. The other states with power begin a quick-stop
+        ramp. Without power the motor coasts.
+        """
+        is_prevented = state is State.OPERATION_ENABLED and self.torque_off
+        if state is self.state or is_prevented:
             return
         self.state = state
         self._stop = None

@@ -59,6 +59,7 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
             drive.motor.external_force = force
 
     def _run(self) -> None:
+        """Serve the drives until the end: pass received frames and time to them."""
         while not self._stopping.is_set():
             pause = min(drive.deadline for drive in self._drives) - time.monotonic()
             received = None

@@ -44,7 +44,12 @@ class Wind:
 
 
 def _require_triples(name: str, rows: Sequence[Any], meaning: str) -> None:
-    """Raise a ParameterError for a row that does not contain three numbers."""
+    """
+    Raise a ParameterError for a row that is not a sequence of three numbers.
+
+    The reader of the file checks neither the length nor the elements of a row. `name` is that of
+    the setting, and `meaning` that of the three numbers.
+    """
     for row in rows:
         is_triple = isinstance(row, Sequence) and len(row) == 3
         if not is_triple or not all(isinstance(one, (int, float)) for one in row):
