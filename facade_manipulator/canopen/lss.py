@@ -76,10 +76,10 @@ class LssTransport:
         self._bus = bus
         self._master = master
         self._timeout = timeout
-        #: longest time from a question to an answer [s]
+        # longest time from a question to an answer to fastscan [s], None before the first
         self._slowest: float | None = None
-        self._asked_at = 0.0
-        self._sent_at = 0.0
+        self._asked_at = 0.0  # time of the first attempt of a question [s]
+        self._sent_at = 0.0  # time of its last attempt [s]
         self._expected: int | None = None  # command specifier of the answer
         bus.receivers[cob_ids.LSS_RESPONSE] = self._receive
 
@@ -121,6 +121,7 @@ class LssTransport:
         self._bus.wait(max(0.0, end - self._bus.monotonic()))
 
     def _receive(self, frame: Frame) -> None:
+        """Keep an expected answer, and measure the latency of a slave."""
         if not frame.data or frame.data[0] != self._expected:
             return
         if self._expected == lss.CS_IDENTIFY_SLAVE:
@@ -216,9 +217,9 @@ class LssSlave:
         """Restore the stored node id."""
         self.pending = self.stored  #: the node id after the next reset
         self.is_selected = False  #: whether the drive is in the LSS configuration state
-        #: how many numbers of the identity have matched: of a selection, of a fastscan
-        self._matched = 0
-        self._scanned = 0
+        # how many of the four numbers of the identity have matched
+        self._matched = 0  # in a selection
+        self._scanned = 0  # in a fastscan
 
     def receive(self, data: bytes, active: int) -> bytes | None:
         """Process a request; return the answer or None. `active` is the present node id."""

@@ -309,6 +309,7 @@ class SdoChannel:
         return data
 
     def _upload_segments(self, transfer: _Transfer) -> Steps[bytes]:
+        """Request the segments of an upload one after another; return their data."""
         data = b''
         toggle = 0
         while True:
@@ -324,6 +325,7 @@ class SdoChannel:
             toggle ^= _TOGGLE
 
     def _download(self, transfer: _Transfer, data: bytes) -> Steps[None]:
+        """Write data: up to 4 bytes in the request, more in segments after it."""
         if 1 <= len(data) <= 4:
             request = expedited_download(transfer.index, transfer.subindex, data)
             yield from self._ask(transfer, request, _DOWNLOAD)

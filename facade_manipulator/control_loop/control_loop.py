@@ -209,6 +209,11 @@ class ControlLoop:
         return is_off
 
     def _close_controller(self) -> bool:
+        """
+        Run the request close until it replies; return whether it has succeeded.
+
+        Without a reply in time, or with an error, the drives may have power.
+        """
         replies: list[Any] = []
         end = self._clock.monotonic() + CLOSE_REQUEST_TIMEOUT + self._setup.extra_time
         self.controller.request('close', replies.append)
@@ -244,6 +249,8 @@ class ControlLoop:
         self.simulator.apply_forces(forces)
 
     def _start_request(self, number: int, name: str) -> None:
+        """Start a request by its name; send the reply with the number of the request."""
+
         def send_reply(reply: Any) -> None:
             failed = isinstance(reply, Exception)
             answer = str(reply) if failed else reply

@@ -122,8 +122,9 @@ class LoopClient:
         self._replies: deque[tuple[OnReply, Any]] = deque()
         # states that the node has not taken yet
         self._states: deque[ControllerSnapshot] = deque(maxlen=self.MOST_STATES)
+        # cause for which power is forbidden; empty if it is allowed
         self._forbidden = ''
-        self._remedy = ''
+        self._remedy = ''  # next step for this cause
         self._close_due = math.inf  #: end of the time for `shut_down` [s, monotonic]
         self._at_end: list[OnReply] = []
         self._last_reply: Any = None  #: to `shut_down`
@@ -326,6 +327,7 @@ class LoopClient:
         self._reject_pending(reason)
 
     def _reject_pending(self, reason: str) -> None:
+        """Fail all requests without a reply, because the loop has ended."""
         reason = outcome_of(self.snapshot()).with_next_step(reason)
         for on_reply in self._pending.values():
             self._replies.append((on_reply, DriveError(reason)))

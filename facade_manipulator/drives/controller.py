@@ -243,6 +243,7 @@ class DriveController:
     # --- the running request
 
     def _begin(self, new: RunningRequest) -> None:
+        """Start a request, or reject it; a request in progress is cancelled."""
         if self.is_closed:
             new.reply(DriveStateError('the drive controller is closed'))
             return

@@ -59,6 +59,7 @@ class DriveErrors:
         return self._receive(code, fault(code, self._meanings))
 
     def _receive(self, code: int, meaning: Fault) -> Cause:
+        """Store an error with its meaning; return the cause of a stop."""
         self.code = code
         self.message = meaning.message
         if meaning.loses_position:

@@ -35,7 +35,7 @@ class Encoder:
         self.speed = 0.0
         #: whether the position is that of the carriage
         self.homed = False
-        self._metres = axis.to_metres(1.0)
+        self._metres = axis.to_metres(1.0)  # per count
         self._acceleration = max(axis.max_acceleration, axis.stop_deceleration)
         self._period = period
         self._compared: int | None = None  # counts with which the next are compared

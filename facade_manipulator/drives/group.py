@@ -345,6 +345,7 @@ class Group:
             )
 
     def _begin(self, plan: Plan, now: float) -> None:
+        """Begin the first step of a plan at a time [s], with its command to all axes."""
         step = plan[0]
         self._plan = plan
         self.state = step.state

@@ -78,12 +78,11 @@ class Homing:
         self._needs_bit_10 = needs_bit_10
         self._seen_clear = False
         self._counts = 0  # of the previous cycle
-        # numbers of cycles: since the start, in a row at rest, in a row with success at home, and
-        # with success at another position
-        self._cycles = 0
-        self._cycles_at_rest = 0
-        self._cycles_at_home = 0
-        self._cycles_elsewhere = 0
+        # numbers of cycles
+        self._cycles = 0  # since the start
+        self._cycles_at_rest = 0  # in a row
+        self._cycles_at_home = 0  # in a row with success at the home position
+        self._cycles_elsewhere = 0  # with success at another position
 
     def watch(self, statusword: int) -> None:
         """Record before the start whether the success of an earlier homing is still shown."""
@@ -133,6 +132,7 @@ class Homing:
         self._cycles_at_rest = self._cycles_at_rest + 1 if is_still else 0
 
     def _shows_success(self, statusword: int) -> bool:
+        """Return whether a statusword shows the end of homing without an error."""
         if self._needs_bit_10:
             return statusword & self._OUTCOME == self._SUCCESS
         is_at_rest = self._cycles_at_rest >= SETTLING_CYCLES

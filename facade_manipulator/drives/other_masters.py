@@ -48,6 +48,11 @@ class OtherMasters:
         self._has_started = True
 
     def _receive(self, name: str, commands_drives: bool, _: Frame) -> Cause | None:
+        """
+        Return the cause of a stop for a frame of another master, None for a harmless one.
+
+        Raises a BusError before the start of the cycle.
+        """
         if not self._has_started:
             raise _in_use_error(name)
         if not commands_drives:

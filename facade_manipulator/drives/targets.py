@@ -56,6 +56,7 @@ class TargetSupervisor:
         # cycles from the SYNC that latches a target to the SYNC whose answer has the same
         # position; a late or missing answer adds cycles
         self._age = 1.0 + settings.drive_lag / settings.period
+        # the targets of the last SYNCs [m]
         self._latched: deque[PerCarriage] = deque(
             maxlen=ceil(self._age) + settings.max_missed_cycles + 2
         )

@@ -31,6 +31,7 @@ class Transmitter:
         self._heartbeat_period = heartbeat_period
         #: time of the next heartbeat [s]; a bus that was just opened is only listened to
         self.next_heartbeat = math.inf
+        # name and node id of NMT commands that a full queue has delayed
         self._waiting_commands: deque[tuple[str, int]] = deque()
         self._full_since = math.inf  # time since when the queue is full [s]
 
