@@ -269,14 +269,15 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self.goal = pose
         self._stamp = stamp
 
-        def is_received() -> bool:
-            goals.publish(message)  # repeat: discovery of a subscriber may be late
+        def publish_again() -> bool:
+            """Publish the goal again; return whether all compensators have reported it."""
+            goals.publish(message)  # discovery of a subscriber may be late
             matched = goals.get_subscription_count()
             all_matched = matched >= self.node.count_subscribers(goals.topic)
             return all_matched and bool(self._of_goal(stamp))
 
         self.wait_until(
-            is_received, 'a compensator to report the goal', next_step=self.SAME_USER
+            publish_again, 'a compensator to report the goal', next_step=self.SAME_USER
         )
         return stamp
 
@@ -384,6 +385,11 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         )
 
     def _trigger(self, service: topics.Service) -> str:
+        """
+        Call a service of the driver without arguments; return its message.
+
+        Raises a RequestRejectedError if the request fails.
+        """
         self.driver_state()
         response = self._call(service)
         if not response.success:
@@ -446,6 +452,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         return {}
 
     def _receive(self, topic: topics.Topic, status: Any) -> None:
+        """Store the values of a status with its time of reception."""
         values = status_values(status)
         values['message'] = status.message
         values['level'] = status_level(status)

@@ -110,6 +110,11 @@ class WorkspaceLimit:
         return Saturated(inside, subtract(pose, inside))
 
     def _clamped_platform(self, pose: Pose) -> Saturated:
+        """
+        Return a pose of the platform inside the softened limits, and the part removed.
+
+        Each limit depends on those before it: y, then yaw at this y, then x at both.
+        """
         y = soft_clamp(pose.y, *self._span_y, self.Y_KNEE)
         yaw = self._greatest_yaw(y)
         theta = soft_clamp(pose.theta, -yaw, yaw, self.YAW_KNEE)

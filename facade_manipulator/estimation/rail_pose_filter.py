@@ -93,7 +93,7 @@ class DisturbanceEstimator:
         self.events: deque[EstimatorEvent] = deque(maxlen=50)
         #: a wrong connection or unit, after which no estimates are published
         self.fault = ''
-        self._now = -math.inf
+        self._now = -math.inf  # latest present time that was passed [s]
         self._reset()
 
     def _reset(self, reason: str = '') -> None:

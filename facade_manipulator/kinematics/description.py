@@ -142,6 +142,7 @@ def urdf(geometry: Geometry, prefix: str = '') -> str:
 
 
 def _add_box(link: Element, box: Box) -> None:
+    """Add a coloured box to the appearance of a link."""
     visual = SubElement(link, 'visual')
     _add_origin(visual, box.middle)
     shape = SubElement(visual, 'geometry')

@@ -120,10 +120,9 @@ class PathLimiter:
         self._acceleration = [limits.acceleration] * AXIS_COUNT
         self._jerk = [limits.jerk] * AXIS_COUNT
         self._reached: CarriageMotion | None = None
-        # the path of `chase`: the frame and speed it was planned with, and the present state on it
-        self._path = Trajectory(AXIS_COUNT)
-        self._planned: tuple[float, ...] = ()
-        self._elapsed = 0.0
+        self._path = Trajectory(AXIS_COUNT)  # of `chase`
+        self._planned: tuple[float, ...] = ()  # the frame and speed of this path
+        self._elapsed = 0.0  # time since its begin [s]
         self._relative: Sequence[PerCarriage] = (ZERO, ZERO, ZERO)
 
     def reach(

@@ -157,6 +157,11 @@ class CompensatorNode(BaseNode):
         self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD)
 
     def _receive_goal(self, message: PoseStamped) -> None:
+        """
+        Check a goal on the wall and offer it to the gate; a repetition is only answered.
+
+        Raises a ManipulatorError for a goal that is malformed, stale or outside the workspace.
+        """
         time = planar_messages.seconds(message.header.stamp)
         pose = planar_messages.planar_pose(message.pose, 'goal_pose')
         goal = Goal(pose, stamp_of(message), monotonic())
@@ -182,6 +187,11 @@ class CompensatorNode(BaseNode):
         self._goals.end(str(self._gate.refusal('send a new goal')))
 
     def _add_estimate(self, message: PoseWithCovarianceStamped | Odometry) -> None:
+        """
+        Pass a disturbance to the compensator, as the pose of the rail or of an estimator on it.
+
+        Raises an InputError for a malformed or impossible estimate.
+        """
         child = getattr(
             message, 'child_frame_id', self._frames.rail
         )  # only Odometry has it
@@ -226,6 +236,7 @@ class CompensatorNode(BaseNode):
         )
 
     def _update(self) -> None:
+        """Publish rail and corrected pose of a cycle."""
         now = monotonic()
         if self._transform.is_subscribed:
             rail = self._compensator.correction.rail(now)
@@ -281,6 +292,7 @@ class CompensatorNode(BaseNode):
     def _enable(
         self, request: SetBool.Request, response: SetBool.Response
     ) -> SetBool.Response:
+        """Enable or disable the correction, which then fades in or out."""
         correction = self._compensator.correction
         correction.enabled = request.data
         direction = 'in' if request.data else 'out'

@@ -116,6 +116,7 @@ class ManagedNode(BaseNode, LifecycleNode):
             on_reply(error)
 
     def _trigger_response(self, reply: Any) -> Trigger.Response:
+        """Report the reply of the driver as the response of a service."""
         succeeded = not isinstance(reply, ManipulatorError)
         message = str(reply)
         self.report(succeeded, message)
@@ -126,6 +127,7 @@ class ManagedNode(BaseNode, LifecycleNode):
         request: ChangeState.Request,
         respond: Callable[[ChangeState.Response], None],
     ) -> None:
+        """Start a transition by label or id; reject one that the state does not permit."""
         wanted = request.transition
         transition = self._machine.possible(wanted.label or wanted.id)
         if transition is None:
@@ -141,6 +143,8 @@ class ManagedNode(BaseNode, LifecycleNode):
     def _begin(
         self, transition: int, respond: Callable[[ChangeState.Response], None]
     ) -> None:
+        """Start a transition, and respond when it has ended."""
+
         def finish(reply: Any) -> None:
             succeeded = not isinstance(reply, ManipulatorError)
             self._machine.finish(succeeded)

@@ -128,14 +128,19 @@ INSIDE_LIMIT = 1.0 - 1e-9  # share of a limit: rounding may put the limit itself
 
 
 def extremes(geometry: Geometry) -> tuple[Pose, Pose, Pose]:
-    """Return the poses with the maximum θ, and at θ = 0 with the maximum y and x [m, m, rad]."""
+    """
+    Return three extreme poses of the head [m, m, rad], by `INSIDE` inside the workspace.
+
+    They have the maximum θ, the maximum y at θ = 0, and the maximum x at θ = 0, which is at the
+    minimum y. The first two have the x that is the nearest to 0.
+    """
     y_turned, theta_max = theta_peak(geometry)
     lower, upper = section_bounds(geometry)
     theta = theta_max * INSIDE_LIMIT
     turned = Pose(_nearest_x(geometry, y_turned, theta), y_turned, theta)
     far_y = upper * INSIDE_LIMIT
     far = Pose(_nearest_x(geometry, far_y, 0.0), far_y, 0.0)
-    # the x-interval is widest nearest to the rail
+    # at θ = 0 the links, and with them the interval of x, are widest at the least y
     near_y = lower / INSIDE_LIMIT
     aside = Pose(float(pose_map(geometry, near_y, 0.0).upper[0]), near_y, 0.0)
     return turned, far, aside

@@ -267,6 +267,7 @@ def _table(
     rows: Iterable[Sequence[str]],
     caption: str | None = None,
 ) -> Table:
+    """Return a table for the terminal, with words to the left and numbers to the right."""
     # Texts instead of plain strings, because rich would interpret the units as its markup.
     made = Table(
         title=Text(title, no_wrap=True, overflow='ignore'),

@@ -101,7 +101,24 @@ def machine(geometry: Geometry, values: np.ndarray) -> tuple[Geometry, Pose]:
 def head_poses(
     geometry: Geometry, carriages: np.ndarray, frame: Pose = ZERO_POSE
 ) -> np.ndarray:
-    """Return poses of the head, shape (n, 3) [m, m, rad], NaN where the links do not close."""
+    """
+    Return poses of the head, shape (n, 3) [m, m, rad]; NaN where the kinematics has no pose.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        With offsets of the carriages and the tool.
+    carriages : array of shape (n, 3)
+        Positions as the drives count them [m]. Stroke and gap are not checked.
+    frame : Pose
+        Pose of the rail in the frame of the returned poses [m, m, rad].
+
+    Raises
+    ------
+    ParameterError
+        If a position is not finite.
+
+    """
     mechanism = Mechanism(geometry)
     heads = np.full((len(carriages), 3), np.nan)
     for row, positions in enumerate(carriages.tolist()):
