@@ -212,7 +212,7 @@ class CanBus:
         self.send(cob_ids.NMT, nmt.command(name, node_id))
 
     def start_sync(self, period: float) -> None:
-        """Let the kernel send SYNC, without jitter of Python; raises a BusError if impossible."""
+        """Start SYNC by the kernel, of a period [s]; raises a BusError if impossible."""
         message = can.Message(arbitration_id=cob_ids.SYNC, is_extended_id=False)
         try:
             self._sync_task = self._bus.send_periodic(message, period)

@@ -257,7 +257,7 @@ class NormalForce:
         self.absorbed = min(max(absorbed, -largest), largest)
 
     def release_fade(self, interval: float) -> None:
-        """Return the absorbed fades to the shift of a head off the wall."""
+        """Return the absorbed fades to the shift of a head off the wall, over an interval [s]."""
         self.absorbed = towards(self.absorbed, 0.0, SPEED * interval)
 
     def move(

@@ -359,7 +359,7 @@ class Pressing:
         return ''
 
     def _follow_touch(self, interval: float) -> None:
-        """Raise the force after a touch; approach the wall again after a loss of touch."""
+        """Raise the force over an interval [s] after a touch; approach again without touch."""
         ramp = self.ramp
         is_touching = ramp.is_touching(self.normal.law.force, self.settings.force)
         ramp.note_touch(interval, is_touching)

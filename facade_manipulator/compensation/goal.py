@@ -339,7 +339,7 @@ def _outcome(state: GoalState, reason: str) -> str:
 
 
 def late_reason(compensator: Compensator, now: float) -> str:
-    """Return why a head whose path has ended is not at its goal, ``''`` if it is unknown."""
+    """Return why a head is not at its goal after its path, ``''`` for an unknown reason."""
     if compensator.following.newest(now) is None:
         return (
             f'end_effector_pose is silent for more than {OFF_PATH_TIME:g} s; next: check '

@@ -218,6 +218,7 @@ class DriveController:
         return True
 
     def _step(self) -> None:
+        """Do the step of the cycle, resume the request, publish a snapshot that is due."""
         exchange = self.bus.exchange
         has_stepped = exchange is not None and exchange.step()
         self._cut_forbidden_power()
@@ -308,6 +309,7 @@ class DriveController:
     # --- power
 
     def _stop_for(self, cause: Cause) -> None:
+        """Stop the drives for a cause, if a bus is open."""
         if self.bus.exchange is not None:  # before its cycle starts, no drive has power
             self.bus.exchange.stop_for(cause)
 

@@ -127,6 +127,7 @@ class Homing:
         return self._cycles > SETTLING_CYCLES
 
     def _count_rest(self, counts: int) -> None:
+        """Count the cycles in a row in which the counts hardly change."""
         is_still = abs(counts - self._counts) <= self._bounds.most_at_rest
         self._counts = counts
         self._cycles_at_rest = self._cycles_at_rest + 1 if is_still else 0

@@ -118,6 +118,7 @@ def set_priority(priority: int) -> None:
 
 
 def _schedule(policy: int, priority: int) -> None:
+    """Give a policy and a priority to all threads of this process."""
     for thread in os.listdir('/proc/self/task'):
         with suppress(ProcessLookupError):  # the thread has just ended
             os.sched_setscheduler(
@@ -133,6 +134,7 @@ def clear_priority() -> None:
 
 
 def _give_up_priority(*_: object) -> None:
+    """Return to the normal scheduler after `LONGEST_RUN` without a pause."""
     clear_priority()
     _log.error(
         'this process ran for %d s without a pause and gave up its real-time priority; '

@@ -136,7 +136,7 @@ class History:
 def mean_input(
     first: Sequence[float], second: Sequence[float], share: float
 ) -> tuple[float, ...]:
-    """Return the mean of two inputs, weighted by the second input's share of the time."""
+    """Return the mean of two inputs; the second has a share from 0 to 1 of the time."""
     mean = []
     for before, after in zip(first, second, strict=True):
         mean.append((1.0 - share) * before + share * after)

@@ -295,7 +295,7 @@ class DisturbanceEstimator:
         sensor: rail_pose_model.WallSensor,
         value: float,
     ) -> None:
-        """Set the axis of a state that a sensor measures, so that it explains a measurement."""
+        """Set the axis of a state that a sensor measures, to explain a value [m or rad]."""
         if isinstance(sensor, rail_pose_model.FeatureSensor) and not sensor.feature:
             # the rail is at 0, and the feature is where the sensor sees it
             state.mean[X] += self._middle[X].shift(state.mean, 0.0)

@@ -291,7 +291,7 @@ class WallSensor(ABC):
 
     @abstractmethod
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
-        """Return the measurement at a pose of the sensor, and its Jacobian for the pose."""
+        """Return the measurement and its derivatives at a pose of the sensor [m, m, rad]."""
 
     def expect(
         self, mean: Sequence[float], time_offset: float

@@ -147,7 +147,7 @@ def _close(
 
 
 def _sine(half: float, left: float, right: float, y: float, cosine: float) -> float:
-    """Return sin θ = S (2 b c − D)/(4 b y)."""
+    """Return sin θ = S (2 b c − D)/(4 b y) for lengths [m] and c = cos θ."""
     return (left + right) * (2.0 * half * cosine - right + left) / (4.0 * half * y)
 
 
@@ -204,8 +204,8 @@ def require_branch(
     """
     Require that a platform at y and θ closes the links on the machine's branch.
 
-    Its inverse kinematics must be left and right. Raises an UnreachableError or a
-    SingularityError.
+    Its inverse kinematics must be left and right, the positions of A1 and A2 from A3; y and they
+    in m, θ in rad. Raises an UnreachableError or a SingularityError.
     """
     try:
         at = links(sides, y, theta)

@@ -353,6 +353,7 @@ class Mechanism:
         self._require_gap('q2 - q3', q2 + offset2 - x)
 
     def _require_gap(self, name: str, distance: float) -> None:
+        """Require the carriage gap [m] of two neighbours, and a distance above 0."""
         gap = self.geometry.carriage_gap
         if distance < gap or distance <= 0.0:
             problem = 'below' if gap else 'not above'

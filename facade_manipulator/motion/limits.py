@@ -224,7 +224,7 @@ class PathLimiter:
         return greatest(motion.velocity) <= most and greatest(end) <= most
 
     def slow(self, motion: CarriageMotion, seconds: float) -> CarriageMotion:
-        """Return a motion at the same position after all axes have braked for some seconds."""
+        """Return a motion at the same position after all axes have braked for a time [s]."""
         fastest = greatest(motion.velocity)
         lost = self.limits.acceleration * seconds
         share = 1.0 - lost / fastest if fastest > lost else 0.0

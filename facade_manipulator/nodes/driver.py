@@ -162,6 +162,7 @@ class DriverNode(ManagedNode):
         )
 
     def _receive_setpoint(self, message: JointState) -> None:
+        """Pass a setpoint on to the control loop; raises an InputError for a malformed one."""
         state = self._loop.snapshot().state
         if state is not ControllerState.ACTIVE:
             reason = (
@@ -198,6 +199,7 @@ class DriverNode(ManagedNode):
         self._loop.forbid_power(cause, self._software_stop.next_step(now))
 
     def _publish_joint_states(self) -> None:
+        """Publish the measured positions of each new SYNC once."""
         for snapshot in self._loop.take_states():
             joints = snapshot.joints()
             if joints is not None and joints.stamp != self._published_stamp:

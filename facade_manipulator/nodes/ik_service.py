@@ -124,6 +124,7 @@ class IkServiceNode(BaseNode):
         )
 
     def _receive_corrected_pose(self, message: PoseStamped) -> None:
+        """Check a pose of the head, and offer it to the gate; without a stamp it is for now."""
         stamp = planar_messages.seconds(message.header.stamp)
         planar_messages.require_recent_command('corrected_pose', stamp, ros_time())
         pose = planar_messages.planar_pose(message.pose, 'corrected_pose')
@@ -187,6 +188,7 @@ class IkServiceNode(BaseNode):
         self._rejected = str(error)
 
     def _receive_joint_states(self, message: JointState) -> None:
+        """Publish the pose of the head at measured positions; it is unknown if they are wrong."""
         self._head = None
         time = planar_messages.seconds(message.header.stamp)
         carriages = Carriages(
@@ -207,6 +209,7 @@ class IkServiceNode(BaseNode):
     def _solve(
         self, request: GetPlan.Request, response: GetPlan.Response
     ) -> GetPlan.Response:
+        """Reply with the carriage positions on the path of a request, none if rejected."""
         header = response.plan.header
         header.frame_id = self.ACTUATOR_SPACE
         header.stamp = self.get_clock().now().to_msg()

@@ -191,7 +191,7 @@ def require_measured(
 def not_measured_error(
     name: str, variance: float, largest_deviation: float = LARGEST_DEVIATION
 ) -> InputError:
-    """Return the rejection of a value that was not measured; the caller raises it."""
+    """Return the error of a value that its variance marks as not measured."""
     return InputError(
         'not_measured',
         f'{name} rejected: its variance = {variance:g} marks a value that was not '

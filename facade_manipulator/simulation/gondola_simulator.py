@@ -134,6 +134,7 @@ class GondolaSimulatorNode(BaseNode):
         self._poses[topics.UNCOMPENSATED_ERROR.name] = uncompensated_error
 
     def _receive_joint_states(self, joints: JointState) -> None:
+        """Advance the world to the stamp of the positions; publish errors and forces."""
         world = self._world
         positions = planar_messages.carriages_from(
             joints.name, joints.position, 'joint_states position'

@@ -210,7 +210,7 @@ class Demo:
             time.sleep(self.CHECK_PERIOD)
 
     def say_progress(self, elapsed: float) -> None:
-        """Print the states, the newest errors and the counters after some seconds."""
+        """Print the states, the newest errors and the counters at a time since the begin [s]."""
         figures = ['error not measured yet']
         newest = [list(table)[-self.LINE_SAMPLES :] for table in self.tables]
         with suppress(ManipulatorError):

@@ -120,6 +120,7 @@ class SimulatedDrive:
         return [] if self.is_silent or self._boot_at < math.inf else frames
 
     def _set_time(self, now: float) -> None:
+        """Advance the time of the drive [s], which never decreases."""
         self.now = max(now, self.now)
         self.objects.outbox.now = self.now
 
@@ -147,6 +148,7 @@ class SimulatedDrive:
         return self._last_sync + period if period else math.inf
 
     def _send_sync(self) -> None:
+        """Send SYNC as its producer, and obey it as each other drive does."""
         self._last_sync = self.now
         self.objects.outbox.send_message(cob_ids.SYNC, b'')
         if self.objects.nmt.state == 'OPERATIONAL':
@@ -182,6 +184,7 @@ class SimulatedDrive:
         )
 
     def _on_sync(self, cob_id: int, data: bytes, now: float) -> None:
+        """Send the TPDOs of a SYNC, and apply the received RPDOs."""
         self._pdo.answer_sync()
         self._pdo.latch()
         self.axis.latch()
@@ -198,12 +201,14 @@ class SimulatedDrive:
         return bool(timeout) and cob_id == cob_ids.HEARTBEAT + master
 
     def _on_heartbeat(self, cob_id: int, data: bytes, now: float) -> None:
+        """Wait for the next heartbeat of the master; end the error of a lost one."""
         self._master_due = now + 1e-3 * self._supervised_heartbeat.timeout
         if self.HEARTBEAT_LOST in self.errors:
             self.errors.remove(self.HEARTBEAT_LOST)
             self._announce()
 
     def _on_lss(self, cob_id: int, data: bytes, now: float) -> None:
+        """Answer a layer setting service; a new node id restarts an unconfigured drive."""
         answer = self.lss.receive(data, self.node_id)
         if answer is not None:
             self.objects.outbox.send_message(cob_ids.LSS_RESPONSE, answer)
@@ -229,6 +234,7 @@ class SimulatedDrive:
         self.axis.reset()
 
     def _on_nmt(self, cob_id: int, data: bytes, now: float) -> None:
+        """Obey a network management command to this node or to all."""
         command, node_id = data
         if node_id not in (0, self.node_id):
             return

@@ -156,4 +156,5 @@ class SimulatedMotor:
 
 
 def _bounded(value: float, most: float) -> float:
+    """Return a value limited to ±most."""
     return min(max(value, -most), most)

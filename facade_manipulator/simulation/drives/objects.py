@@ -106,7 +106,7 @@ class Outbox:
         """Ignore a subscription, because the drive decides which service receives a frame."""
 
     def send_periodic(self, can_id: int, data: Sequence[int], period: float) -> Outbox:
-        """Start the heartbeat."""
+        """Start the heartbeat, with a period [s]."""
         self._beat = (can_id, bytes(data))
         self._period = period
         self.due = self.now + period

@@ -114,7 +114,7 @@ class RawSensors(DelayedQueue):
     def _noisy(
         self, name: str, model: Any, data: Any, offset: float
     ) -> tuple[float, ...]:
-        """Return the values of a sensor of the model with an offset and its noise."""
+        """Return the values of a sensor of the model, plus an offset and its noise."""
         true = data.sensor(name).data
         deviation = model.sensor(name).noise[0]
         # the same numbers as from Generator.normal, in a quarter of its time
