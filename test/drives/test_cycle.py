@@ -29,20 +29,6 @@ def started(has_kernel_sync: bool = False) -> CycleClock:
     return clock
 
 
-def let_wait(clock, now, frame_time) -> bool:
-    """Let a due event wait after a frame of a time [s]; return whether it waits."""
-    if hasattr(clock, 'let_wait'):
-        return clock.let_wait(now, frame_time)
-    return clock.may_wait(now, frame_time)
-
-
-def accept_sync(clock, time) -> bool:
-    """Return whether a received SYNC at a time [s] begins a cycle; it counts an early SYNC."""
-    if hasattr(clock, 'accept_sync'):
-        return clock.accept_sync(time)
-    return not clock.is_unexpected(time)
-
-
 def is_due(clock, now, answers=0, is_step=True, all_read=True) -> bool:
     """Return whether the step, or else SYNC, is due at a time [s], after further answers."""
     for _ in range(answers):
@@ -50,7 +36,7 @@ def is_due(clock, now, answers=0, is_step=True, all_read=True) -> bool:
     return (
         clock.is_open is is_step
         and now >= clock.next_event
-        and (all_read or not let_wait(clock, now, now))
+        and (all_read or not clock.let_wait(now, now))
     )
 
 
@@ -93,10 +79,10 @@ def test_due_events_wait_for_unread_frames():
     assert is_due(clock, COMMANDS_DUE * T, all_read=False)
     late = started()
     late.begin(0.0, 0.0)
-    assert let_wait(late, 5.0 * T, 0.5 * T)
-    assert not let_wait(late, 5.0 * T, FIRST_ANSWER_DUE * T)
+    assert late.let_wait(5.0 * T, 0.5 * T)
+    assert not late.let_wait(5.0 * T, FIRST_ANSWER_DUE * T)
     assert is_due(late, 5.0 * T, answers=ALL)
-    assert not let_wait(late, 5.0 * T, 0.5 * T)
+    assert not late.let_wait(5.0 * T, 0.5 * T)
 
 
 @given(st.lists(st.floats(0.0, 0.1), min_size=1, max_size=50))
@@ -179,7 +165,7 @@ def test_three_late_or_overdue_syncs_stop_drives(happen, message, is_powered):
 def receive_syncs(clock, times) -> list[str]:
     """Receive SYNCs at times [s]; return the causes of a stop after the last one."""
     for time in sorted(times):
-        if accept_sync(clock, time):
+        if clock.accept_sync(time):
             clock.receive(time, 0.0)
     return [cause.message for cause in clock.causes(3, False)]
 
