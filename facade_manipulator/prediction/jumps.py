@@ -110,7 +110,8 @@ class JumpDetector:
 
         if not self.is_doubted:
             self._since = stamp
-        jump, odds = self._odds()
+        bound = self._bound(is_far)
+        jump, odds = self._odds(bound)
         is_late = stamp - self._since >= DECISION_TIME
         is_small = jump < self.JUMP or abs(error) < 0.5 * DOUBT * deviation
         decision = self._decision(is_far, is_late, is_small, is_followed, odds)
@@ -118,7 +119,7 @@ class JumpDetector:
         if is_late and decision is not JumpDecision.STEP:
             self._moved = stamp
         self.is_doubted = decision is JumpDecision.UNDECIDED
-        self.is_wrong = self.is_doubted and not is_late and odds > self._bound(is_far)
+        self.is_wrong = self.is_doubted and not is_late and odds > bound
         # Errors that turned out to be noise are kept; explained errors are dropped.
         if decision not in (JumpDecision.UNDECIDED, JumpDecision.NOISE):
             self._past = deque((past, 0.0, spread) for past, _, spread in self._past)
@@ -149,15 +150,19 @@ class JumpDetector:
             return 0.0
         return self.ODDS if is_far else math.inf
 
-    def _odds(self) -> tuple[float, float]:
+    def _odds(self, bound: float) -> tuple[float, float]:
         """
         Return the squared errors explained by a jump, and their excess over other explanations.
 
         Other explanations are a push, and the end of an earlier jump that was not detected, whose
-        errors have the opposite sign.
+        errors have the opposite sign. They only reduce the excess, so that they are not computed
+        if the jump explains at most the bound.
         """
         stamps, errors, deviations = np.array(self._past).T
         weights = deviations**-2
+        jump = float(abs(_explained(errors, weights)).max())
+        if jump <= bound:
+            return jump, jump
         since = self._since
         begin = stamps.searchsorted(since)
 
@@ -176,7 +181,6 @@ class JumpDetector:
         push = share * (2.0 * along - share * squares)
 
         ends = -np.sign(errors[-1]) * _explained(errors[:begin], weights[:begin])
-        jump = float(abs(_explained(errors, weights)).max())
         return jump, jump - float(push.max() + ends.max(initial=0.0))
 
 
