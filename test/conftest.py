@@ -53,7 +53,8 @@ def pytest_runtest_setup(item):
         return (yield)
 
 
-pytest_runtest_call = pytest_runtest_teardown = pytest_runtest_setup
+pytest_runtest_call = pytest_runtest_setup
+pytest_runtest_teardown = pytest_runtest_setup
 
 
 @pytest.fixture

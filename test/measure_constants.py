@@ -25,7 +25,9 @@ sys.path.append(str(Path(__file__).resolve().parent / 'helpers'))
 from gusts import gusts  # noqa: E402
 from sensor_record import record, Run  # noqa: E402
 
-INTERVAL, NOISE, AHEAD = 0.02, 1e-3, 0.12  # s; m, m and rad; s
+INTERVAL = 0.02  # s
+NOISE = 1e-3  # m, m and rad
+AHEAD = 0.12  # s
 PRESSING_TIME = (
     45.0  # s: the head holds the force from 13 s on, the figures count from 15 s on
 )
@@ -43,10 +45,13 @@ PRESSING_COLUMNS = (
 
 def prediction():
     """Return errors and share within 2 σ in gusts, with wrong estimates for 0.1 s every 5 s."""
-    predictor, signal, errors = DisturbancePredictor(), gusts(1, INTERVAL)[:1500], []
+    predictor = DisturbancePredictor()
+    signal = gusts(1, INTERVAL)[:1500]
+    errors = []
     noise = NOISE * np.random.default_rng(1).standard_normal(signal.shape)
     for number, truth in enumerate(signal[:-6]):
-        stamp, wrong = number * INTERVAL, 0.03 * (number % 250 < 5 < number)
+        stamp = number * INTERVAL
+        wrong = 0.03 * (number % 250 < 5 < number)
         predictor.update(stamp, Pose(*(truth + noise[number] + wrong)), 3 * [NOISE**2])
         error = predictor.predict(stamp + AHEAD).position - signal[number + 6]
         errors.append((error, error / predictor.deviations(stamp + AHEAD)))

@@ -26,9 +26,12 @@ from facade_manipulator.simulation.world.scenario import load_scenario
 sys.path.append(str(Path(__file__).resolve().parent / 'helpers'))
 from closed_loop import ClosedLoop, ESTIMATOR_START, PERIOD, START  # noqa: E402
 
-LEARNING_TIME, SETTLING_TIME = 15.0, 2.5  # s, after the first and after each goal
-FORCE_TIME, FIRST_TOUCH_TIME = 30.0, 1.0  # s, at the end and from the first touch
-FORCE, TOUCH = 30.0, 1.0  # N, desired force and touch
+LEARNING_TIME = 15.0  # s, after the first goal
+SETTLING_TIME = 2.5  # s, after each goal
+FORCE_TIME = 30.0  # s, at the end
+FIRST_TOUCH_TIME = 1.0  # s, from the first touch
+FORCE = 30.0  # N, desired
+TOUCH = 1.0  # N
 SCALES = np.array([1e3, 1e3, math.degrees(1.0)])  # to mm, mm, °
 ROWS = (
     'breeze',

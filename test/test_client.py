@@ -40,11 +40,15 @@ class Machine:
     """Node with the services and topics of a manipulator, which works while a client waits."""
 
     def __init__(self, ros) -> None:
-        self.ros, self.label, self.success = ros, 'unconfigured', True
-        self.requests, self.goals = [], []  # requests except get_state
+        self.ros = ros
+        self.label = 'unconfigured'
+        self.success = True
+        self.requests = []  # except get_state
+        self.goals = []
         self.act = int  # in each step
         self.status = None  # of the driver, which repeats it
-        node = self.node = ros.node('machine', namespace='gondola_1')
+        node = ros.node('machine', namespace='gondola_1')
+        self.node = node
         self.driver_status, self.goal_status, self.rejections = (
             node.create_publisher(*topic)
             for topic in (topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS)
@@ -78,7 +82,8 @@ class Machine:
 
     def trigger(self, name: str, _: object, response):
         self.requests.append(name)
-        response.success, response.message = self.success, f'{name} answers'
+        response.success = self.success
+        response.message = f'{name} answers'
         return response
 
     def change_state(self, request, response):
@@ -233,7 +238,8 @@ def test_failed_transition_raises_the_reason_after_the_answer(client, machine, o
 
 def test_lost_request_is_repeated_only_if_harmless(client, machine, monkeypatch):
     """Fast DDS may lose a request to a node that has just started."""
-    lost, asked = [Future(), Future()], []
+    lost = [Future(), Future()]
+    asked = []
     get_state = client._client(topics.GET_STATE)
     ask = get_state.call_async
     monkeypatch.setattr(

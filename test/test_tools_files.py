@@ -114,7 +114,9 @@ def test_rviz_file_shows_published_topics_in_frame_rail():
 
 def test_foxglove_layout_shows_published_fields():
     layout = json.loads(config_path('foxglove.json').read_text())
-    panels, shown, paths = layout['configById'], set(), []
+    panels = layout['configById']
+    shown = set()
+    paths = []
     for panel in panels.values():
         shown |= set(panel.get('topics', ()))
         shown |= {layer['topic'] for layer in panel.get('layers', {}).values()}

@@ -72,7 +72,8 @@ def answer(rate):
         for base, data, every in OTHERS
         for number in DRIVES
     }
-    bus, count = open_bus(), 0
+    bus = open_bus()
+    count = 0
     for message in bus:
         if message.arbitration_id == 0x80:
             count += 1

@@ -13,7 +13,8 @@ from scipy.optimize import root
 from facade_manipulator import kinematics
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
 
-L, B = 0.352, 0.348
+L = 0.352
+B = 0.348
 POSES = [
     Pose(
         0.1 * math.sin(0.7 * k),
@@ -26,7 +27,8 @@ POSES = [
 
 def inline_inverse(pose):
     x, y, theta = pose
-    rise, span = B * math.sin(theta), B * math.cos(theta)
+    rise = B * math.sin(theta)
+    span = B * math.cos(theta)
     root1 = L * L - (y - rise) * (y - rise)
     root2 = L * L - (y + rise) * (y + rise)
     if root1 <= 0.0 or root2 <= 0.0:
@@ -36,7 +38,8 @@ def inline_inverse(pose):
 
 def errors(q1, q2, x, y, theta):
     """Return the errors of both links' squared lengths [m²]."""
-    rise, span = B * math.sin(theta), B * math.cos(theta)
+    rise = B * math.sin(theta)
+    span = B * math.cos(theta)
     return (x - span - q1) ** 2 + (y - rise) ** 2 - L * L, (x + span - q2) ** 2 + (
         y + rise
     ) ** 2 - L * L
@@ -61,7 +64,8 @@ def scipy_forward(carriages):
     q1, q2, q3 = carriages
 
     def slopes(u):
-        rise, span = B * math.sin(u[1]), B * math.cos(u[1])
+        rise = B * math.sin(u[1])
+        span = B * math.cos(u[1])
         return (
             (2.0 * (u[0] - rise), 2.0 * (q3 - q1) * rise - 2.0 * u[0] * span),
             (2.0 * (u[0] + rise), 2.0 * (q2 - q3) * rise + 2.0 * u[0] * span),
@@ -76,10 +80,14 @@ def scipy_forward(carriages):
 def numpy_jacobian(poses):
     """Return the Jacobians of many poses, shape (n, 3, 3)."""
     _, y, theta = poses.T
-    c, s = np.cos(theta), np.sin(theta)
-    u1, u2 = y - B * s, y + B * s
-    s1, s2 = np.sqrt(L * L - u1**2), np.sqrt(L * L - u2**2)
-    one, zero = np.ones(len(poses)), np.zeros(len(poses))
+    c = np.cos(theta)
+    s = np.sin(theta)
+    u1 = y - B * s
+    u2 = y + B * s
+    s1 = np.sqrt(L * L - u1**2)
+    s2 = np.sqrt(L * L - u2**2)
+    one = np.ones(len(poses))
+    zero = np.zeros(len(poses))
     return np.array(
         [
             [one, -u1 / s1, B * (u1 * c + s1 * s) / s1],

@@ -14,7 +14,9 @@ from facade_manipulator.kinematics import MotionState, Pose, ZERO_TWIST
 from facade_manipulator.prediction.estimate import Estimate
 from facade_manipulator.prediction.predictor import DisturbancePredictor
 
-INTERVAL, NOISE, AHEAD = 0.02, 1e-3, 0.12  # s; m, m and rad; s
+INTERVAL = 0.02  # s
+NOISE = 1e-3  # m, m and rad
+AHEAD = 0.12  # s
 LEAD = 0.06  # s, of a corrected pose over its publication
 JERK_DENSITIES = 10.0 ** np.arange(-6.0, 2.0, 0.5)  # m²/s⁵ or rad²/s⁵
 TUNING_SEED = 1000
@@ -79,15 +81,16 @@ def tones(seed, interval):
 def errors(make, source, quick, seed, noise=NOISE):
     """Return RMS errors of x, y and yaw by the noise, and the time [s] for an estimate."""
     settled, end = (500, 750) if quick else (1000, 3500)
-    predictor, signal, random = (
-        make(),
-        source(seed, INTERVAL),
-        np.random.default_rng(seed),
-    )
+    predictor = make()
+    signal = source(seed, INTERVAL)
+    random = np.random.default_rng(seed)
     measured = signal[:end] + noise * random.standard_normal((end, 3))
-    squares, cost = [], 0.0
+    squares = []
+    cost = 0.0
     for number, values in enumerate(measured.tolist()):
-        stamp, pose, begin = number * INTERVAL, Pose(*values), time.process_time()
+        stamp = number * INTERVAL
+        pose = Pose(*values)
+        begin = time.process_time()
         predictor.update(stamp, pose, 3 * [noise**2])
         expected = predictor.predict(stamp + AHEAD).position
         predictor.predict(stamp + AHEAD + 0.01)  # as the compensator does at 100 Hz

@@ -50,7 +50,9 @@ def canopen_cycle(rate):
     """Run cycles by the manual of canopen."""
     import canopen  # only the process that measures it has its memory
 
-    network, commands, seen = canopen.Network(bus=open_bus()), [], deque(maxlen=9)
+    network = canopen.Network(bus=open_bus())
+    commands = []
+    seen = deque(maxlen=9)
     network.connect()
     for number in DRIVES:
         node = network.add_node(number, str(config_path('drives/cia402.eds')))
@@ -60,7 +62,8 @@ def canopen_cycle(rate):
             pdo.clear()
             for index in ours.indices:
                 pdo.add_variable(index)
-            pdo.cob_id, pdo.enabled = ours.cob_id(number), True
+            pdo.cob_id = ours.cob_id(number)
+            pdo.enabled = True
             pdo.subscribe()
             pdo.add_callback(lambda one: seen.append([item.raw for item in one.map]))
     for _ in ticks(rate):
@@ -107,17 +110,16 @@ class Role(Node):
 
     def _publishing(self, name):
         """Return a callback that publishes a relayed stamp, or a machine that sways by 5 mm."""
-        publisher, message = self.create_publisher(*TOPICS[name]), TOPICS[name].type()
+        publisher = self.create_publisher(*TOPICS[name])
+        message = TOPICS[name].type()
         of_facade = name in ('goal_pose', 'disturbance')
         message.header.frame_id = 'bench/facade' if of_facade else 'bench/rail'
         ahead = HORIZON * (name in ('corrected_pose', 'joint_setpoints'))
         pose = getattr(message, 'pose', None)
         if pose is None:
-            message.name, message.position, message.velocity = (
-                AXIS_NAMES,
-                STANDING,
-                (0.0,) * 3,
-            )
+            message.name = AXIS_NAMES
+            message.position = STANDING
+            message.velocity = (0.0,) * 3
         elif name == 'disturbance':
             pose.covariance[[0, 7, 35]] = 1e-6
         else:

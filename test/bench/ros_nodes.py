@@ -62,7 +62,8 @@ def driver(rate):
 
 NODES = 'facade_manipulator.nodes.'
 LEAD = f'horizon:={HORIZON}'  # that the latency of a pose contains
-POSES, SETPOINTS = role('corrected_pose>!'), role('joint_setpoints>!')
+POSES = role('corrected_pose>!')
+SETPOINTS = role('joint_setpoints>!')
 MOVING = role('100>joint_setpoints joint_states>')
 #: name, bounds of the figures, processes of both sides without the last, and the last process,
 #: which feeds the others; the first process of a side reports

@@ -19,7 +19,9 @@ from facade_manipulator.canopen.link import BusSettings, check_link
 from facade_manipulator.errors import BusError
 
 MEGABIT = 1_000_000
-EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
+EXTENDED = 0x80000000
+REMOTE = 0x40000000
+ERROR = 0x20000000
 
 
 class DatagramBus(SocketcanBus):
@@ -27,8 +29,11 @@ class DatagramBus(SocketcanBus):
 
     def __init__(self, end):
         end.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        self.socket, self.channel, self.channel_info = end, 'can9', 'can9'
-        self._bcm_sockets, self._is_filtered = {}, True
+        self.socket = end
+        self.channel = 'can9'
+        self.channel_info = 'can9'
+        self._bcm_sockets = {}
+        self._is_filtered = True
         can.BusABC.__init__(self, 'can9')
 
     _apply_filters = Mock()  # the kernel has no place for filters on this socket
@@ -82,7 +87,8 @@ def test_frame_arrives_as_sent_with_its_time(wire, cob_id, data):
         len(data),
         data.ljust(8, b'\0'),
     )
-    before, stamp = time.monotonic(), time.time()
+    before = time.monotonic()
+    stamp = time.time()
     far.send(frame(cob_id, data))
     received = bus.receive(1.0)
     assert received[:2] == (cob_id, data)

@@ -43,7 +43,8 @@ def test_incorrect_data_sheet_is_read_as_intended(tmp_path, encoding):
     path = tmp_path / 'careless.eds'
     path.write_text(CARELESS, encoding=encoding)
     dictionary = read_dictionary(path)
-    number, text = dictionary[0x2000], dictionary[0x2001]
+    number = dictionary[0x2000]
+    text = dictionary[0x2001]
     assert (number.name, number.min, number.max, number.default) == (
         'Größe',
         None,

@@ -21,7 +21,9 @@ def test_cob_ids_are_those_of_the_predefined_connection_set():
 
 
 # masks of the bits read back; bits 30 and 28 to 11 of a COB-ID are reserved
-ALL, COB_ID, TWO_CHANGES = 0xFFFFFFFF, 0xA00007FF, 0
+ALL = 0xFFFFFFFF
+COB_ID = 0xA00007FF
+TWO_CHANGES = 0
 
 
 def test_configuration_of_pdo1_matches_the_transcripts():

@@ -13,7 +13,8 @@ from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel, Steps
 from facade_manipulator.errors import DriveTimeoutError
 
 NODE = 2
-REQUEST, ANSWER = 0x602, 0x582
+REQUEST = 0x602
+ANSWER = 0x582
 ABORT = 0x80
 VALUE = bytes.fromhex('4365600080430000')  # 6065h:00 = 17280
 WRITTEN = bytes.fromhex('6065600000000000')

@@ -11,7 +11,8 @@ from facade_manipulator.compensation.pose_compensator import (
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import compose, Geometry, ZERO_POSE
 
-START, PERIOD = 1000.0, 0.01  # s
+START = 1000.0  # s
+PERIOD = 0.01  # s
 
 
 class CompensatedHead:

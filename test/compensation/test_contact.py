@@ -21,18 +21,14 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose, Wrench
 
 SETTINGS = ContactSettings(enabled=True)
-PERIOD, HORIZON, LATENCY = (
-    0.01,
-    6,
-    1,
-)  # s, cycles from decision to head and from force to law
+PERIOD = 0.01  # s
+HORIZON = 6  # cycles from decision to head
+LATENCY = 1  # cycle from force to law
 NOISE = 0.5  # N
 WALL = -0.03  # m, from the goal
-HELD, BACK, END = (
-    15.0,
-    18.0,
-    25.0,
-)  # s: the force is held; a lost input returns; end of a run
+HELD = 15.0  # s, the force is held
+BACK = 18.0  # s, a lost input returns
+END = 25.0  # s, of a run
 NOW = 1000.0
 PRESSED = Wrench(3.0, -30.0, 0.5)
 REFERENCE = Pose(0.1, 0.25, 0.3)

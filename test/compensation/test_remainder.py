@@ -122,7 +122,8 @@ def test_remainder_decays_for_any_change_of_its_time_constant(factors, step):
         time = START + number * step
         remainder.add(time, ZERO_STATE, least * factor)
         left = remainder.at(time)
-        x, v = left.position.x, scale * left.velocity.x
+        x = left.position.x
+        v = scale * left.velocity.x
         measure = x * x + math.sqrt(2.0) * x * v + v * v
         assert measure <= before * (1.0 + 1e-9)
         before = measure

@@ -168,7 +168,8 @@ def test_node_hanging_without_power_keeps_the_loop(caplog):
 
 
 def test_invalid_messages_and_requests_keep_the_loop():
-    rig, limits = LoopRig(), MotionLimits(speed=0.1)
+    rig = LoopRig()
+    limits = MotionLimits(speed=0.1)
     out_of_range = replace(limits)
     object.__setattr__(out_of_range, 'speed', 50.0)
     for message in (

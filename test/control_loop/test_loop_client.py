@@ -53,7 +53,8 @@ class Peer:
     """Loop's end of the channel, and a replacement of its process."""
 
     def __init__(self, first=READY, **wait):
-        self.first, self.process = first, Mock(**{'wait.return_value': 0} | wait)
+        self.first = first
+        self.process = Mock(**{'wait.return_value': 0} | wait)
         self.node = LoopClient(SETUP, Mock(), self.launch)
         assert self.taken()[0][0] == 'setup'
 
@@ -178,7 +179,8 @@ def test_changed_limits_reach_the_next_loop():
 
 
 def test_full_channel_drops_setpoints_but_not_stops():
-    peer, sent = Peer(), 0
+    peer = Peer()
+    sent = 0
     while peer.node._channel.send('setpoint', float(sent), STILL, STILL):
         sent += 1
     peer.node.stop('enough')
@@ -230,7 +232,8 @@ def test_close_returns_the_last_answer_of_the_loop():
 
 def test_close_feeds_the_loop_and_times_out(monkeypatch):
     monkeypatch.setattr(process_module, 'CLOSE_TIMEOUT', 0.2)
-    peer, begin = Peer(**RUNS), time.monotonic()
+    peer = Peer(**RUNS)
+    begin = time.monotonic()
     with pytest.raises(DriveError, match='has not confirmed that the power'):
         peer.node.close()
     assert time.monotonic() - begin >= 0.2 + SETUP.extra_time

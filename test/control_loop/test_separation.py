@@ -40,7 +40,8 @@ FAILURES = (die, seize, lambda drive: drive.inject_fault(0x8A82))
 
 def swing(chance):
     """Oscillate the carriages, each separately and all together."""
-    sign, apart = chance.choice((1.0, -1.0)), chance.choice((0.05, 0.2, 1.0))
+    sign = chance.choice((1.0, -1.0))
+    apart = chance.choice((0.05, 0.2, 1.0))
     common, *own = [
         (chance.uniform(0.0, 0.2), chance.uniform(0.5, 5.0), chance.uniform(0.0, 6.3))
         for _ in range(4)
@@ -71,11 +72,9 @@ def swing(chance):
 @pytest.mark.parametrize('seed', NEAREST)
 def test_no_carriage_touches_a_neighbour_that_fails(seed):
     chance = random.Random(seed)
-    lag, failure, middle = (
-        chance.choice(LAGS),
-        chance.choice(FAILURES),
-        chance.uniform(-0.1, 0.1),
-    )
+    lag = chance.choice(LAGS)
+    failure = chance.choice(FAILURES)
+    middle = chance.uniform(-0.1, 0.1)
     homes = (
         middle - chance.uniform(0.021, 0.1),
         middle + chance.uniform(0.021, 0.1),

@@ -18,9 +18,14 @@ from facade_manipulator.drives.encoder import Encoder
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import Mode
 
-AXIS, SETTINGS = AxisSettings(), ControllerSettings()
+AXIS = AxisSettings()
+SETTINGS = ControllerSettings()
 T = SETTINGS.period
-ENABLED, LIMITED, LOCAL, IGNORES, FAULTY = 0x1227, 0x1A27, 0x1027, 0x0227, 0x0008
+ENABLED = 0x1227
+LIMITED = 0x1A27
+LOCAL = 0x1027
+IGNORES = 0x0227
+FAULTY = 0x0008
 
 
 def made(**details):
@@ -159,7 +164,8 @@ def test_warning_stops_nothing_until_the_drive_faults():
 
 def moving(speed=0.0):
     """Return a homed encoder at a speed [m/s], with the next position and time."""
-    encoder, position = Encoder(AXIS, T), 0.0
+    encoder = Encoder(AXIS, T)
+    position = 0.0
     encoder.begin_homing()
     encoder.end_homing(True)
     for cycle in range(1, 20):
@@ -194,7 +200,8 @@ def test_possible_motion_with_late_answers_is_accepted(pushes):
     encoder, position, time = moving()
     speed = 0.0
     for share, cycles in pushes:
-        pause, push = cycles * T, share * AXIS.max_acceleration
+        pause = cycles * T
+        push = share * AXIS.max_acceleration
         position += speed * pause + 0.5 * push * pause**2
         speed += push * pause
         time += pause

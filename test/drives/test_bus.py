@@ -109,7 +109,8 @@ def test_full_send_queue_is_lost_bus_after_200_ms(rig, monkeypatch, seconds, sta
 
 def spoil_frames(rig, kind, share):
     """Drop, double or delay a share of the frames to and from each drive."""
-    chance, deliver = random.Random(1).random, rig.deliver
+    chance = random.Random(1).random
+    deliver = rig.deliver
 
     def spoilt(carry, answer=lambda frames: None):
         if chance() >= share:

@@ -303,7 +303,8 @@ GENUINE = {
 class Objects(SdoChannel):
     """Identity objects of a drive, in the order of `GENUINE`."""
 
-    name, node_id = 'q2', 2
+    name = 'q2'
+    node_id = 2
 
     def __init__(self, **changes):
         numbers = GENUINE | changes

@@ -88,7 +88,8 @@ def test_due_events_wait_for_unread_frames():
 @given(st.lists(st.floats(0.0, 0.1), min_size=1, max_size=50))
 def test_late_syncs_keep_their_minimum_distance(delays):
     clock = started()
-    now, last = 0.0, -1.0
+    now = 0.0
+    last = -1.0
     for delay in delays:
         now = max(now, clock.next_event) + delay
         assert is_due(clock, now, is_step=False)
@@ -188,7 +189,8 @@ def test_foreign_sync_of_any_period_is_found(period, phase, start):
 @given(st.lists(st.floats(0.0, 2.9), min_size=1, max_size=400))
 def test_late_kernel_syncs_are_not_foreign(delays):
     clock = started(has_kernel_sync=True)
-    times, sent = [], 0.0
+    times = []
+    sent = 0.0
     for number, delay in enumerate(delays, 1):
         sent = max(sent, (number + delay * (number % 5 == 0)) * T)
         times.append(sent)

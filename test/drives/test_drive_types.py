@@ -71,7 +71,8 @@ def never_set_bit_10(drive):
 
 
 def pulse_bit_10(drive):
-    status, seen = drive.axis.homing.status, [0]
+    status = drive.axis.homing.status
+    seen = [0]
 
     def pulsed():
         word = status()
@@ -352,11 +353,9 @@ def test_drive_type_from_two_files_homes_and_moves(make_rig, fine_axes):
     assert rig.carriages == pytest.approx([edge] * 3, abs=0.01)
     rig.stream()
     rig.request('activate')
-    motor, start, counts = (
-        rig.drives[0].motor,
-        rig.carriages[0],
-        rig.drives[0].motor.counts,
-    )
+    motor = rig.drives[0].motor
+    start = rig.carriages[0]
+    counts = rig.drives[0].motor.counts
     rig.until(lambda: rig.carriages[0] > start + 0.02)
     rig.request('deactivate')
     turns = (rig.carriages[0] - start) / fine_axes[0].lead * fine_axes[0].gear_ratio

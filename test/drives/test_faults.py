@@ -33,7 +33,8 @@ from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 Q2 = 1  # the number of the axis that fails
-CLEAR, HOME = 'clear_faults, activate', 'clear_faults, home, activate'
+CLEAR = 'clear_faults, activate'
+HOME = 'clear_faults, home, activate'
 CONFIGURE = 'cleanup, configure, home, activate'
 CONFIGURED = {*SITUATIONS} - {'not configured'}
 ACTIVE = {'active at rest', 'active in motion'}
@@ -141,7 +142,8 @@ def test_fault_stops_all_drives_and_names_next_steps(name, situation):
     fault = FAULTS[name]
     rig = Rig(axes=SWITCH_HOMING if situation == 'homing' else DEFAULT_AXES)
     SITUATIONS[situation](rig)
-    before, jobs = rig.state, list(rig.jobs)
+    before = rig.state
+    jobs = list(rig.jobs)
     fault.inject(rig)
     if situation not in fault.shows:
         rig.run(0.3)

@@ -26,7 +26,8 @@ from facade_manipulator.simulation.drives.automaton import decode_command, TRANS
 
 PERIOD = 0.01  # s
 SETTINGS = ControllerSettings()
-OFF, ENABLED = [State.SWITCH_ON_DISABLED] * 3, [State.OPERATION_ENABLED] * 3
+OFF = [State.SWITCH_ON_DISABLED] * 3
+ENABLED = [State.OPERATION_ENABLED] * 3
 STOP = Cause('the operator stops')
 
 
@@ -42,9 +43,14 @@ class Drives:
             axis.feedback.counts = settings.to_counts(settings.home_position)
         self.group = Group(self.axes, SETTINGS)
         self.group.start(0.0)
-        self.states, self.modes, self.bits = [*OFF], [0, 0, 0], [0, 0, 0]
-        self.at_rest, self.deaf, self.now = True, set(), 0.0
-        self.history, self.underway = [], deque()
+        self.states = [*OFF]
+        self.modes = [0, 0, 0]
+        self.bits = [0, 0, 0]
+        self.at_rest = True
+        self.deaf = set()
+        self.now = 0.0
+        self.history = []
+        self.underway = deque()
         self.cycle(3)
         self.underway.extend(
             [self.history[-1]] * latency
@@ -249,7 +255,8 @@ def test_fault_of_one_drive_stops_all_at_once(situation, state):
 )
 def test_statusword_of_a_failure_stops_all(situation, state, bits, message):
     drives = SITUATIONS[situation]()
-    drives.states[0], drives.bits[0] = state, bits
+    drives.states[0] = state
+    drives.bits[0] = bits
     drives.cycle(7)
     assert drives.group.is_stopped and message in drives.group.reason
     assert not any(map(is_enabling, drives.commands()))
@@ -322,7 +329,8 @@ def test_drive_that_does_not_stop_keeps_the_first_cause(
 ):
     drives = running()
     first = Cause('it began', 'help', axis, False, configure_again, is_vague)
-    drives.deaf, drives.at_rest = {1}, False
+    drives.deaf = {1}
+    drives.at_rest = False
     drives.ask(Group.stop, first)
     drives.cycle(200)
     assert drives.group.causes[0] == first
@@ -350,7 +358,8 @@ def test_fault_that_outlasts_a_reset_keeps_its_cause():
     fault = Cause('q2: overcurrent', 'look it up', 'q2')
     drives.ask(Group.stop, STOP)
     drives.ask(Group.stop, fault)
-    drives.states[1], drives.deaf = State.FAULT, {1}
+    drives.states[1] = State.FAULT
+    drives.deaf = {1}
     drives.cycle(5)
     drives.ask(Group.reset)
     drives.cycle(200)

@@ -18,14 +18,15 @@ from facade_manipulator.errors import DriveError, DriveStateError, LimitError
 
 PERIOD = 0.02  # s
 STEADY_CYCLES = round(STEADY_TIME / PERIOD)
-IDLE, UNDER_WAY = 0x0627, 0x0227
+IDLE = 0x0627
+UNDER_WAY = 0x0227
 SUCCESS = 0x0027 | Status.HOMING_ATTAINED | Status.TARGET_REACHED
 FAILED = 0x0027 | Status.HOMING_ERROR
-LATE, ELSEWHERE, BROKEN = (
-    'q1: homing took longer than 3 s',
-    r'q1: homing ended \+0.1 m from the configured.*takes 607Ch with the other sign',
-    r'q1: homing failed.*2027h',
+LATE = 'q1: homing took longer than 3 s'
+ELSEWHERE = (
+    r'q1: homing ended \+0.1 m from the configured.*takes 607Ch with the other sign'
 )
+BROKEN = r'q1: homing failed.*2027h'
 
 
 class Axis:
@@ -132,7 +133,8 @@ def test_homing_succeeds_only_after_a_clear_or_steady_bit(words):
 @pytest.mark.parametrize(('beyond', 'is_home'), [(8e-4, True), (1.2e-3, False)])
 @pytest.mark.parametrize('side', [-1.0, 1.0])
 def test_home_is_the_rest_position_after_the_switch(beyond, is_home, side):
-    axis, settings = Axis(), AxisSettings(homing_method=17, homing_speed=1.0)
+    axis = Axis()
+    settings = AxisSettings(homing_method=17, homing_speed=1.0)
     speed = settings.homing_zero_share * settings.homing_speed
     axis.away = side * (
         beyond + speed * PERIOD + speed**2 / (2.0 * settings.homing_acceleration)

@@ -20,7 +20,8 @@ from facade_manipulator.simulation.drives.motor import SimulationSettings
 pytestmark = pytest.mark.long
 
 HIGHER = MotionLimits()
-SLOWER, SMOOTHER = MotionLimits(speed=0.1, acceleration=0.5), MotionLimits(jerk=3.0)
+SLOWER = MotionLimits(speed=0.1, acceleration=0.5)
+SMOOTHER = MotionLimits(jerk=3.0)
 RATE = 3.3  # rad/s, by which the carriages reach 0.4 m/s
 
 
@@ -72,7 +73,8 @@ def latched_targets(rig) -> list[int]:
 
 def delay_step(rig, seconds: float, count: int = 1) -> None:
     """Let the choice of targets take a time [s] in the next cycles."""
-    sample, left = rig.follower.sample, [count]
+    sample = rig.follower.sample
+    left = [count]
 
     def slow_sample(reach_time):
         targets = sample(reach_time)

@@ -30,7 +30,8 @@ def obey_nothing_on_a_bad_bus(rig):
         return send(cob_id, data)
 
     obey_nothing(rig)
-    send, rig.bus.send = rig.bus.send, reject_sdo_requests
+    send = rig.bus.send
+    rig.bus.send = reject_sdo_requests
 
 
 def fall_silent(rig):

@@ -162,7 +162,9 @@ print('policy', os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
 
 
 def test_replaced_garbage_collector_runs_only_on_request(monkeypatch):
-    interval, frozen, collections = sys.getswitchinterval(), gc.get_freeze_count(), []
+    interval = sys.getswitchinterval()
+    frozen = gc.get_freeze_count()
+    collections = []
     monkeypatch.setattr(gc, 'collect', lambda: collections.append(1))
     collect_garbage()
     freeze_objects()

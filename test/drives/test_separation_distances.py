@@ -20,7 +20,8 @@ from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathL
 
 LIMITS = MotionLimits()
 SUDDEN = replace(LIMITS, jerk=1e4)  # a path that has almost no acceleration to reduce
-GAP, PERIOD = 0.02, 0.01
+GAP = 0.02
+PERIOD = 0.01
 ROUNDING_OF_THE_PATH = (
     0.0005  # m: the path to rest is jerk-limited and sampled, the bound is not
 )

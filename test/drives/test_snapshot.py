@@ -15,7 +15,9 @@ from facade_manipulator.drives.snapshot import (
 from facade_manipulator.drives.states import decode_state, describe_state, STATUSWORDS
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
-ENABLED, WITH_TARGET_REACHED, FAULT = 0x0027, 0x0427, 0x0008
+ENABLED = 0x0027
+WITH_TARGET_REACHED = 0x0427
+FAULT = 0x0008
 CAUSES = tuple(Cause(message, 'clear the faults') for message in ('first', 'second'))
 
 

@@ -15,7 +15,9 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
 
-GEOMETRY, LIMITS, CONTROLLER = Geometry(), MotionLimits(), ControllerSettings()
+GEOMETRY = Geometry()
+LIMITS = MotionLimits()
+CONTROLLER = ControllerSettings()
 
 
 def analysis(

@@ -46,7 +46,8 @@ def test_stop_shortly_before_sync_waits_for_it(make_rig, share):
     """Otherwise one drive might latch it now and its neighbour a period later, at full speed."""
     rig = make_rig(has_kernel_sync=True)
     at_rest(rig)
-    sync, period = rig.bus.next_sync, rig.settings.period
+    sync = rig.bus.next_sync
+    period = rig.settings.period
     rig.later(
         sync + share * period - rig.clock.now,
         lambda: rig.forge(cob_ids.EMERGENCY + 1, OVERCURRENT),
@@ -74,7 +75,8 @@ def fail(positions):
 )
 def test_bad_target_or_failing_source_stops_all(rig, distort, message):
     at_rest(rig)
-    sample, rig.follower.sample = rig.follower.sample, lambda time: distort(HOME)
+    sample = rig.follower.sample
+    rig.follower.sample = lambda time: distort(HOME)
     rig.until_stopped()
     assert message in rig.snapshot.cause
     rig.follower.sample = sample

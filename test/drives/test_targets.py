@@ -23,7 +23,8 @@ from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
 ACTIVE = GroupState.ACTIVE
 OFF, ON = (AxisCommand(word, Mode.CYCLIC_SYNCHRONOUS_POSITION) for word in (0x00, 0x0F))
-HERE, START = (-43_000, 43_000, 0), (-0.1, 0.1, 0.0)
+HERE = (-43_000, 43_000, 0)
+START = (-0.1, 0.1, 0.0)
 SETTINGS = ControllerSettings()
 T = SETTINGS.period
 LARGEST_STEP = STEP_MARGIN * 0.6 * T
@@ -36,7 +37,9 @@ class Source:
     at_rest = True
 
     def __init__(self) -> None:
-        self.speed, self.wanted, self.positions = 0.0, None, None
+        self.speed = 0.0
+        self.wanted = None
+        self.positions = None
 
     def reset(self, positions) -> None:
         self.positions = positions
@@ -66,7 +69,8 @@ class Drives:
         self.choose(GroupState.INACTIVE, OFF)
 
     def choose(self, state: GroupState, command: AxisCommand = ON) -> None:
-        self.group.state, self.group.follows = state, command is ON
+        self.group.state = state
+        self.group.follows = command is ON
         self.command(command)
         self.targets.choose(0.0)
 
@@ -125,7 +129,8 @@ def test_enabled_drives_hold_their_targets_without_following():
 @pytest.mark.parametrize('state', [GroupState.HOMING, *FOLLOWING])
 def test_unknown_carriage_position_stops_all(state):
     drives = Drives()
-    drives.group.state, drives.group.follows = state, state in FOLLOWING
+    drives.group.state = state
+    drives.group.follows = state in FOLLOWING
     assert 'has sent its position' in drives.supervise()
 
 
@@ -158,9 +163,11 @@ def test_following_error_uses_the_latched_target(lag, missed, off, message):
 
 
 def test_target_is_requested_for_the_arrival_time():
-    drives, asked = Drives(lag=0.013), []
+    drives = Drives(lag=0.013)
+    asked = []
     drives.source.sample = lambda time: asked.append(time) or START
-    drives.group.state, drives.group.follows = ACTIVE, True
+    drives.group.state = ACTIVE
+    drives.group.follows = True
     clock = SimpleNamespace(smooth_time=100.0, held=0.0)
     drives.command(ON)
     drives.targets.command(clock, 0.0)

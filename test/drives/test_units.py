@@ -21,10 +21,8 @@ SCALES = st.builds(
 
 
 # CiA 402-2, 60A9h: prefix, unit, per what
-COUNTED, SECONDS = (
-    {0x01: 'metre', 0xB4: 'revolution', 0xB5: 'count'},
-    {0x03: 1.0, 0x47: 60.0},
-)
+COUNTED = {0x01: 'metre', 0xB4: 'revolution', 0xB5: 'count'}
+SECONDS = {0x03: 1.0, 0x47: 60.0}
 
 
 @pytest.mark.parametrize('unit', VELOCITY_UNITS.values(), ids=VELOCITY_UNITS)

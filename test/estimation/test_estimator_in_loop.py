@@ -7,7 +7,9 @@ from sensor_record import GUSTS, replace
 
 from facade_manipulator.kinematics import Pose
 
-GOAL, DURATION, SETTLED = Pose(0.0, 0.25, 0.0), 16.0, 9.0  # s
+GOAL = Pose(0.0, 0.25, 0.0)
+DURATION = 16.0  # s
+SETTLED = 9.0  # s
 pytestmark = pytest.mark.long
 
 

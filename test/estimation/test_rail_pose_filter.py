@@ -14,7 +14,8 @@ from facade_manipulator.estimation.rail_pose_filter import DisturbanceEstimator
 from facade_manipulator.simulation.world.scenario import Motion
 from facade_manipulator.simulation.world.sensors import Measurement
 
-DURATION, SETTLED = 25.0, 8.0  # s
+DURATION = 25.0  # s
+SETTLED = 8.0  # s
 GOOD = (0.5, 0.22, 0.02)  # mm, mm, degrees
 STARTED = [
     'imu: measuring',

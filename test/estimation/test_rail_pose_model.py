@@ -12,7 +12,8 @@ from facade_manipulator.estimation.estimator_settings import ImuSettings
 from facade_manipulator.estimation.rail_pose_model import SENSORS
 
 INDICES = {**vars(rail_pose_model), 'DELAY': SENSORS + 1}  # place in the state vector
-STEP, SHIFT = 0.005, 1e-6  # s, step of the finite differences
+STEP = 0.005  # s
+SHIFT = 1e-6  # of the finite differences
 IMU_INPUT = (0.03, -0.02, 0.05, 0.2, -0.1, 9.7)
 IMU = ImuSettings(mounting=(0.2, -0.1, 0.3, 0.0, 0.0, 0.0))
 SENSORS_OF_WALL = rail_pose_model.make_sensors(
@@ -84,15 +85,16 @@ def test_jacobian_is_the_derivative_of_the_measurement(sensor, mean, later):
     )  # first order in `later` and the delay
 
 
-RATE, ACCELERATION = (
-    0.3,
-    0.3**2,
-)  # rad/s, m/s²: turning about a point at a distance of 1 m
+# turning about a point at a distance of 1 m
+RATE = 0.3  # rad/s
+ACCELERATION = 0.3**2  # m/s²
 REST = (*5 * [0.0], 9.81)
 
 
 def test_rail_that_tilts_in_a_cone_does_not_yaw():
-    process, tilt, turn = rail_pose_model.Process(IMU, []), 0.1, 3.0  # rad, rad/s
+    process = rail_pose_model.Process(IMU, [])
+    tilt = 0.1  # rad
+    turn = 3.0  # rad/s
     state = process.initial_state()
     state.mean[rail_pose_model.TILT_X] = tilt
     for phase in turn * STEP * (np.arange(400) + 0.5):

@@ -64,7 +64,8 @@ class Rig(BusWorld):
         **checks: object,
     ) -> None:
         super().__init__(drives or [*map(SimulatedDrive, axes)], has_kernel_sync)
-        self.settings, self.axes = settings, axes
+        self.settings = settings
+        self.axes = axes
         self._told = 0
         self._steady_time = SteadyTime(self.clock)
         setup = LoopSetup(Geometry(), settings, axes, limits=limits or MotionLimits())
@@ -82,7 +83,9 @@ class Rig(BusWorld):
             None  #: of the setpoints while the drives are active
         )
         self._base: PerCarriage | None = None
-        self._begun = self._next_setpoint = self._stall = 0.0
+        self._begun = 0.0
+        self._next_setpoint = 0.0
+        self._stall = 0.0
         self.power_cut()
         self.run(0.2)
 
@@ -122,7 +125,8 @@ class Rig(BusWorld):
 
     def frames(self) -> list[Frame]:
         """Return the frames on the bus since the last call."""
-        begin, self._told = self._told, len(self.heard)
+        begin = self._told
+        self._told = len(self.heard)
         return self.heard[begin:]
 
     def ask(self, name: str) -> Future:
@@ -176,7 +180,8 @@ class Rig(BusWorld):
         while self.undo:
             self.undo.pop()()
         for drive in self.drives:
-            drive.is_silent = drive.is_deaf = False
+            drive.is_silent = False
+            drive.is_deaf = False
             drive.axis.torque_off = False
 
     def stream(self, amplitude: float = 0.06, rate: float = 4.0) -> None:
@@ -186,11 +191,13 @@ class Rig(BusWorld):
             offset = amplitude * (1.0 - math.cos(rate * time))
             return [offset] * 3, [amplitude * rate * math.sin(rate * time)] * 3
 
-        self.course, self._base = course, None
+        self.course = course
+        self._base = None
 
     def stall(self, seconds: float) -> None:
         """Stall the control loop for some time [s]."""
-        self.checks.is_late, self._stall = True, seconds
+        self.checks.is_late = True
+        self._stall = seconds
         self.run(seconds + 0.03)
         self.checks.is_late = False
 
@@ -231,7 +238,8 @@ class Rig(BusWorld):
             ManipulatorError,
         ) as error:  # the controller would catch it
             self.failures.append(error)
-        stall, self._stall = self._stall, 0.0
+        stall = self._stall
+        self._stall = 0.0
         self.pass_time(stall)
         if self.clock.now >= self._next_setpoint:
             self._next_setpoint = self.clock.now + self.settings.period
@@ -247,7 +255,8 @@ class Rig(BusWorld):
             self._base = None
             return
         if self._base is None:
-            self._base, self._begun = motion.position, self.clock.now
+            self._base = motion.position
+            self._begun = self.clock.now
         offsets, speeds = self.course(self.clock.now - self._begun + LEAD)
         with suppress(ManipulatorError):  # a setpoint that is rejected moves nothing
             self.follower.add(

@@ -101,7 +101,8 @@ class ClosedLoop:
 
     def mission(self, duration: float) -> list[Cycle]:
         """Follow the goals of the mission for a time [s]."""
-        mission, cycles = self.scenario.mission, self.run(ESTIMATOR_START)
+        mission = self.scenario.mission
+        cycles = self.run(ESTIMATOR_START)
         for number in range(math.ceil(duration / mission.goal_period)):
             cycles += self.follow(
                 mission.goal(number * mission.goal_period), mission.goal_period, 0.0
@@ -110,7 +111,8 @@ class ClosedLoop:
 
     def step(self) -> Cycle:
         """Run one cycle of the control."""
-        now, compensator = self.now, self.compensator
+        now = self.now
+        compensator = self.compensator
         if self._measured is not None:
             stamp, carriages, wrench = self._measured
             if self.scenario.wall.is_touched:
@@ -123,7 +125,8 @@ class ClosedLoop:
         self._measured = now, self.world.carriages, self.world.measure_wrench()
         for estimate in self._estimates(now):
             self._attempt(compensator.add_estimate, now, *estimate[:3])
-        corrected, is_limited = compensator.update(now), False
+        corrected = compensator.update(now)
+        is_limited = False
         if corrected is not None:
             time = corrected.time
             self._plans.append(

@@ -28,7 +28,8 @@ def deaf_to_rpdo(drive: SimulatedDrive) -> None:
 
 def half_following(drive: SimulatedDrive) -> None:
     """Move half the distance from the present position to each target, without following error."""
-    target, start = drive.axis.cyclic.target, drive.motor.position
+    target = drive.axis.cyclic.target
+    start = drive.motor.position
     drive.axis.cyclic.target = lambda: start + 0.5 * (target() - start)  # type: ignore
 
 

@@ -123,8 +123,10 @@ class FakeBus(CanBus):
     def __init__(self, world: BusWorld) -> None:
         super().__init__(None)
         self.inbox: deque[Frame] = deque()
-        self.next_sync, self.period = math.inf, 0.0
-        self.is_virtual, self.has_kernel_sync = False, world.has_kernel_sync
+        self.next_sync = math.inf
+        self.period = 0.0
+        self.is_virtual = False
+        self.has_kernel_sync = world.has_kernel_sync
         self._world = world
 
     def __str__(self) -> str:
@@ -152,7 +154,8 @@ class FakeBus(CanBus):
             raise self._world.bus_error
 
     def start_sync(self, period: float) -> None:
-        self.next_sync, self.period = self._world.clock.now + period, period
+        self.next_sync = self._world.clock.now + period
+        self.period = period
 
     def stop_sync(self) -> None:
         self.next_sync = math.inf

@@ -11,7 +11,8 @@ def _decoder(pdo: Pdo, names: str) -> Callable:
     return lambda data: frame._make(pdo.codec.unpack(data))
 
 
-encode_rpdo1, encode_tpdo1 = RPDO1.codec.pack, TPDO1.codec.pack
+encode_rpdo1 = RPDO1.codec.pack
+encode_tpdo1 = TPDO1.codec.pack
 decode_rpdo1 = _decoder(RPDO1, 'controlword mode target_counts')
 decode_tpdo1 = _decoder(TPDO1, 'statusword mode position_counts')
 decode_tpdo2 = _decoder(

@@ -19,7 +19,9 @@ import numpy as np
 
 STEP = 5e-4  # Hz, between the tones: the signal repeats after 2000 s
 FREQUENCIES = STEP * np.arange(8, 10_000)  # 0.004 to 5 Hz
-HEIGHT, SPEED, FRICTION_SPEED = 40.0, 4.0, 0.327  # m, m/s, m/s
+HEIGHT = 40.0  # m
+SPEED = 4.0  # m/s
+FRICTION_SPEED = 0.327  # m/s
 KAIMAL = (105.0, 33.0), (17.0, 9.5)  # along and across the mean wind
 DAMPING = 0.02
 # of x, y and yaw: rad/s, and the acceleration by a gust of 1 m/s along and across the mean wind

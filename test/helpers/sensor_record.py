@@ -68,7 +68,8 @@ def record(
     """Return the cycles of a gondola in gusts, or with a prescribed motion."""
     world = World(replace(GUSTS, seed=seed, motion=motion), Geometry(), START)
     world.model.opt.timestep = FREE_STEP
-    carriages, cycles = world.carriages, []
+    carriages = world.carriages
+    cycles = []
     for number in range(1, round(duration / PERIOD) + 1):
         now = START + number * PERIOD
         world.advance(now, carriages)

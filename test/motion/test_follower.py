@@ -19,9 +19,11 @@ from facade_manipulator.motion.follower import (
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 
-PERIOD, LEAD = 0.01, 0.02  # s; a command is reached a lead later
+PERIOD = 0.01  # s
+LEAD = 0.02  # s, after which a command is reached
 LIMITS = MotionLimits(speed=0.5, acceleration=3.0, jerk=150.0)
-HOME, REST = (-0.1, 0.1, 0.0), (0.0,) * 3
+HOME = (-0.1, 0.1, 0.0)
+REST = (0.0,) * 3
 
 
 def inside(*path):
@@ -37,7 +39,8 @@ def follower(check=inside, start=HOME, period=PERIOD, limits=LIMITS, **stream):
 
 
 def sine(time, amplitude=0.05):
-    wave, rate = amplitude * math.sin(time), amplitude * math.cos(time)
+    wave = amplitude * math.sin(time)
+    rate = amplitude * math.cos(time)
     return Setpoint(time, (HOME[0] + wave, HOME[1] + wave, HOME[2]), (rate, rate, 0.0))
 
 
@@ -56,10 +59,8 @@ def run(made, start, end, stream=sine, *allowed):
 def move(time, way=0.05, duration=0.5):
     """Return a setpoint of a common displacement [m] with maximum acceleration at both ends."""
     share = min(max(time / duration, 0.0), 1.0)
-    moved, speed = (
-        way * share * share * (3.0 - 2.0 * share),
-        6.0 * way / duration * share * (1.0 - share),
-    )
+    moved = way * share * share * (3.0 - 2.0 * share)
+    speed = 6.0 * way / duration * share * (1.0 - share)
     return Setpoint(time, tuple(q + moved for q in HOME), (speed,) * 3)
 
 
@@ -78,11 +79,13 @@ def test_carriages_follow_the_stream_between_its_points():
 
 @pytest.mark.parametrize(('ahead', 'is_smooth'), [(0.06, True), (0.03, False)])
 def test_mean_velocities_smoothed_by_later_setpoints_avoid_jerk(ahead, is_smooth):
-    made, counts = follower(period=PERIOD / 5), []
+    made = follower(period=PERIOD / 5)
+    counts = []
     for cycle in range(1500):
         now = cycle * PERIOD / 5
         if cycle % 5 == 0:
-            here, before = sine(now + ahead, 0.2), sine(now + ahead - PERIOD, 0.2)
+            here = sine(now + ahead, 0.2)
+            before = sine(now + ahead - PERIOD, 0.2)
             mean = tuple(
                 (b - a) / PERIOD
                 for a, b in zip(before.position, here.position, strict=True)
@@ -138,7 +141,8 @@ def test_later_setpoints_replace_setpoints_far_ahead(strays):
     late_cycle=st.integers(0, 80),
 )
 def test_delayed_stream_still_reaches_its_end(stall_at, stall, late, late_cycle):
-    made, sent = follower(), 0
+    made = follower()
+    sent = 0
     for cycle in range(250):
         now = cycle * PERIOD
         if not stall_at < now < stall_at + stall:
@@ -185,7 +189,8 @@ def test_delayed_stream_still_reaches_its_end(stall_at, stall, late, late_cycle)
     ],
 )
 def test_bad_setpoint_is_rejected_and_changes_nothing(setpoint, reason, message):
-    made, unchanged = follower(), follower()
+    made = follower()
+    unchanged = follower()
     for one in (made, unchanged):
         run(one, 0.0, 2.01, lambda time: Setpoint(time, HOME, REST))
     with pytest.raises(ManipulatorError, match=message) as rejection:
@@ -234,7 +239,8 @@ def test_possible_motion_with_mean_velocities_is_accepted(
 @pytest.mark.parametrize('interval', [0.01, 0.03, 0.1])
 @pytest.mark.parametrize('velocity', [0.1, 0.15, 0.2, 0.3, 0.45])
 def test_velocity_contradicting_constant_positions_moves_little(interval, velocity):
-    made, farthest = follower(), 0.0
+    made = follower()
+    farthest = 0.0
     for cycle in range(200):
         now = cycle * PERIOD
         if cycle % round(interval / PERIOD) == 0:
@@ -242,7 +248,8 @@ def test_velocity_contradicting_constant_positions_moves_little(interval, veloci
                 made.add(Setpoint(now + 0.03, HOME, (0.0, velocity, 0.0)), now)
         farthest = max(farthest, abs(made.sample(now + LEAD)[1] - HOME[1]))
     # 0.15 m/s are possible if setpoints arrive every 0.1 s, the longest interval without a brake
-    most, silence = 0.5 * LIMITS.acceleration * 0.1, 0.1
+    most = 0.5 * LIMITS.acceleration * 0.1
+    silence = 0.1
     assert farthest < most * silence + 0.5 * most**2 / LIMITS.acceleration + 0.003
 
 
@@ -350,7 +357,8 @@ def test_every_path_to_rest_keeps_gap_and_limits(swing, rate, phase, gaps, stray
 
     commanded = [made.motion.position] * 3
     for cycle in range(150):
-        now, stray = cycle * PERIOD, strays.get(cycle, approach(cycle * PERIOD + 0.02))
+        now = cycle * PERIOD
+        stray = strays.get(cycle, approach(cycle * PERIOD + 0.02))
         if stray is None:
             made.hold()
         else:
@@ -381,7 +389,8 @@ def test_lowered_limits_never_accelerate_nor_leave_the_stroke(time, limits):
     def towards_the_border(time):  # at up to 0.49 m/s, to rest 5 mm inside the stroke
         return move(time, 0.395, 1.2)
 
-    made, unchanged = follower(), follower()
+    made = follower()
+    unchanged = follower()
     for one in (made, unchanged):
         one.add(towards_the_border(0.0), 0.0)
         before = run(one, 0.0, time, towards_the_border)
@@ -399,9 +408,11 @@ def test_held_commands_continue_with_the_velocity_after_braking(held):
     def fast(time):
         return sine(time, 0.39)
 
-    made, pause = follower(start=fast(-0.5).position), held * PERIOD
+    made = follower(start=fast(-0.5).position)
+    pause = held * PERIOD
     run(made, -0.5, 0.0, fast)
-    before, speed = made.motion.position, made.motion.velocity[0]
+    before = made.motion.position
+    speed = made.motion.velocity[0]
     made.wait(pause)
     after = run(made, pause, pause + 1.5, fast)
     left = max(0.0, speed - LIMITS.acceleration * pause)

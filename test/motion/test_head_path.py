@@ -62,7 +62,8 @@ def test_path_exists_for_every_whole_millimetre():
 )
 def test_path_from_rest_is_straight(before, start, goal):
     reference = planned(before, start)
-    begin, start = reference.arrival(), end_of(reference).position
+    begin = reference.arrival()
+    start = end_of(reference).position
     reference.retarget(begin, goal)
     way = np.subtract(goal, start)
     for share in (0.2, 0.5, 0.8):

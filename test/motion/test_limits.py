@@ -43,8 +43,11 @@ def follow(limiter, motion, target, velocity):
     )
 )
 def test_targets_and_stops_keep_speed_acceleration_and_jerk(steps):
-    limiter, motions, stop = PathLimiter(LIMITS, PERIOD), [ORIGIN] * 3, []
-    target = velocity = (0.0, 0.0, 0.0)
+    limiter = PathLimiter(LIMITS, PERIOD)
+    motions = [ORIGIN] * 3
+    stop = []
+    target = (0.0, 0.0, 0.0)
+    velocity = target
     for kind, place, push in steps:
         if kind == 'stop' and stop:
             motions.append(stop.pop(0))
@@ -54,7 +57,8 @@ def test_targets_and_stops_keep_speed_acceleration_and_jerk(steps):
             velocity = np.clip(np.add(velocity, 0.0315 * np.array(push)), -0.52, 0.52)
             target = np.add(target, PERIOD * velocity)
         else:
-            target, velocity = 0.4 * np.array(place), 2.0 * np.array(push)
+            target = 0.4 * np.array(place)
+            velocity = 2.0 * np.array(push)
         motions.append(follow(limiter, motions[-1], target.tolist(), velocity.tolist()))
         stop = path_to_rest(limiter, motions[-1])
         assert len(stop) < 100 and [*motions, *stop][-1].at_rest
@@ -68,7 +72,9 @@ def test_reversing_carriage_is_not_at_rest():
 
 
 def test_chase_from_rest_is_straight():
-    limiter, motion, target = PathLimiter(LIMITS, PERIOD), ORIGIN, (0.2, -0.1, 0.05)
+    limiter = PathLimiter(LIMITS, PERIOD)
+    motion = ORIGIN
+    target = (0.2, -0.1, 0.05)
     for _ in range(200):
         motion = follow(limiter, motion, target, (0.0, 0.0, 0.0))
         x, y, z = motion.position
@@ -78,12 +84,11 @@ def test_chase_from_rest_is_straight():
 
 
 def test_moving_target_is_caught_and_then_reached_exactly():
-    limiter, motion = PathLimiter(LIMITS, PERIOD), ORIGIN
+    limiter = PathLimiter(LIMITS, PERIOD)
+    motion = ORIGIN
     for cycle in range(1, 200):
-        wave, rate = (
-            math.sin(2.0 * cycle * PERIOD),
-            2.0 * math.cos(2.0 * cycle * PERIOD),
-        )
+        wave = math.sin(2.0 * cycle * PERIOD)
+        rate = 2.0 * math.cos(2.0 * cycle * PERIOD)
         target = 0.1 + 0.1 * wave, -0.05 * wave, 0.02
         motion = follow(limiter, motion, target, (0.1 * rate, -0.05 * rate, 0.0))
         assert cycle < 99 or motion.position == target

@@ -9,7 +9,8 @@ from facade_manipulator.kinematics import Geometry, MIN_CONDITIONING, Pose
 from facade_manipulator.motion import setpoints
 from facade_manipulator.motion.setpoints import Setpoint, SetpointStream, STREAM_GAP
 
-HOME, LIFTED = Pose(0.0, 0.25, 0.0), Pose(0.1, 0.26, 0.1)
+HOME = Pose(0.0, 0.25, 0.0)
+LIFTED = Pose(0.1, 0.26, 0.1)
 triples = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 intervals = st.floats(0.01, 0.5)
 
@@ -39,7 +40,8 @@ def test_extrapolation_continues_with_a_confirmed_velocity(position, velocity, a
 
 @given(st.tuples(triples, triples, triples, triples), intervals, st.floats(0.0, 1.0))
 def test_interpolation_is_the_cubic_through_two_setpoints(ends, interval, share):
-    (p, v, q, w), end = map(np.array, ends), 3.0 + interval
+    (p, v, q, w) = map(np.array, ends)
+    end = 3.0 + interval
     spline = CubicHermiteSpline([3.0, end], [p, q], [v, w])
     time = 3.0 + share * interval
     found = setpoints.interpolate(
@@ -75,7 +77,8 @@ def test_rejected_pose_leaves_the_stream_unchanged(stream):
 )
 @pytest.mark.parametrize('spacing', [0.002, 0.05])
 def test_path_includes_both_ends_and_keeps_the_spacing(stream, spacing, goal):
-    path, mechanism = stream.path(HOME, goal, spacing), stream.mechanism
+    path = stream.path(HOME, goal, spacing)
+    mechanism = stream.mechanism
     ends = [mechanism.certify(end, 0.0) for end in (HOME, goal)]
     assert [path[0], path[-1]] == [pytest.approx(tuple(end)) for end in ends]
     heads = np.array([mechanism.forward_kinematics(point) for point in path])

@@ -13,7 +13,8 @@ TIMES = st.floats(-1.0, 2.0 * KEPT_TIME)
 
 @given(st.lists(TIMES, max_size=30) | st.lists(TIMES, max_size=30).map(sorted), TIMES)
 def test_buffered_values_are_found_by_time(times, time):
-    buffer, kept = TimedBuffer(), []
+    buffer = TimedBuffer()
+    kept = []
     # A value replaces those at and after its time, and old values are forgotten.
     for stamp in times:
         before = buffer.newest(99)

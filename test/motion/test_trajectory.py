@@ -13,7 +13,8 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.motion import trajectory
 from facade_manipulator.motion.trajectory import plan_trajectory
 
-ZERO, LIMITS = [0.0] * 3, ([0.5] * 3, [3.0] * 3, [150.0] * 3)
+ZERO = [0.0] * 3
+LIMITS = ([0.5] * 3, [3.0] * 3, [150.0] * 3)
 small = st.floats(-1e-12, 1e-12)
 
 

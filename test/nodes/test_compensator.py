@@ -46,7 +46,8 @@ class Neighbours(NodeBench):
         self.statuses = self.collect(topics.GOAL_STATUS)
 
     def stamped(self, message, frame):
-        message.header.frame_id, message.header.stamp = frame, stamp(self.now())
+        message.header.frame_id = frame
+        message.header.stamp = stamp(self.now())
         return message
 
     def estimate(self):
@@ -125,7 +126,8 @@ def test_goal_is_corrected_until_disabled_silent_or_tared(neighbours):
     timer = neighbours.repeat(neighbours.estimate)
     neighbours.send_goal()
     neighbours.until_pose(GOAL, 'the corrected goal', disturbance=DISTURBANCE)
-    message, reference = neighbours.corrected[-1], neighbours.references[-1]
+    message = neighbours.corrected[-1]
+    reference = neighbours.references[-1]
     assert message.header.frame_id == 'rail' and reference.header.frame_id == 'facade'
     assert seconds(message.header.stamp) - neighbours.now() < 0.07
     assert reference.header.stamp in [one.header.stamp for one in neighbours.corrected]

@@ -40,7 +40,8 @@ class Estimation(NodeBench):
 
     def receive(self, message):
         """Return whether the estimator uses the first value of a message."""
-        node, estimator = self.tested, self.tested._estimator
+        node = self.tested
+        estimator = self.tested._estimator
         stamps = [one.stamp for one in estimator.channels.values()]
         try:
             if isinstance(message, Imu):

@@ -34,7 +34,8 @@ def test_rejections_are_counted_and_logged_by_reason(ros, monkeypatch, capfd):
 
 
 def test_changed_outcome_is_published_once(ros):
-    published, component = [], diagnostic_status('goal', 'ok', '', {})
+    published = []
+    component = diagnostic_status('goal', 'ok', '', {})
     made = Diagnostics(ros.node(), lambda: published.append(outcome) or [component])
     for outcome in ('active', 'active', 'stopped', 'stopped', 'active'):
         made.publish_change(outcome)

@@ -17,7 +17,8 @@ from facade_manipulator.nodes.disturbance_estimator import (
 )
 from facade_manipulator.nodes.planar_messages import planar_pose, seconds
 
-YAW, PERIOD = 0.01, 0.01
+YAW = 0.01
+PERIOD = 0.01
 PLANAR = {0, 1, 5, 6, 7, 11, 30, 31, 35}  # x, y and yaw in a covariance of six
 
 

@@ -27,7 +27,8 @@ from facade_manipulator.nodes.driver_diagnostics import (
 )
 from facade_manipulator.nodes.planar_messages import status_level, status_values
 
-SLOW, NO_PRIORITY = 'end other programs on this computer', 'without real-time'
+SLOW = 'end other programs on this computer'
+NO_PRIORITY = 'without real-time'
 
 
 def late(share, priority):
@@ -165,7 +166,8 @@ def test_operation_and_bus_values_have_units_of_their_keys():
     assert {key: values[key] for key in expected} == expected
 
 
-SET, STOPPED = 'software_stop was set', (Cause('q2 is late'),)
+SET = 'software_stop was set'
+STOPPED = (Cause('q2 is late'),)
 
 
 @pytest.mark.parametrize(

@@ -34,12 +34,14 @@ def interface(name: str) -> type:
 def fill(message, number: float, text: str, length: int, seconds: int = 0):
     """Fill a message to its leaves: numbers, texts and arrays of a length."""
     for name, kind in message.get_fields_and_field_types().items():
-        value, rest = getattr(message, name), (number, text, length, seconds)
+        value = getattr(message, name)
+        rest = (number, text, length, seconds)
         if kind.startswith('sequence<') and '/' in kind:
             part = interface(kind[9:-1].partition(',')[0].replace('/', '/msg/', 1))
             value = [fill(part(), *rest) for _ in range(3)]
         elif kind == 'builtin_interfaces/Time':
-            value.sec, value.nanosec = seconds, 4_294_967_295 if seconds else 0
+            value.sec = seconds
+            value.nanosec = 4_294_967_295 if seconds else 0
         elif hasattr(value, 'get_fields_and_field_types'):
             value = fill(value, *rest)
         else:
@@ -82,7 +84,8 @@ MESSAGES = REQUESTS | {
 @pytest.fixture(params=PROCESSES)
 def graph(request, ros, start_process):
     """Start nodes in a process; return their names, a hostile node, and a check of answers."""
-    (names, *arguments), hostile = PROCESSES[request.param], ros.node('hostile')
+    (names, *arguments) = PROCESSES[request.param]
+    hostile = ros.node('hostile')
     process = start_process(f'facade_manipulator.nodes.{request.param}', *arguments)
     ros.until(lambda: {*names} <= {*hostile.get_node_names()}, request.param)
 
@@ -103,7 +106,8 @@ def graph(request, ros, start_process):
 
 def test_no_message_or_request_ends_a_node(ros, graph):
     names, hostile, require_answers = graph
-    publishers, clients = [], []
+    publishers = []
+    clients = []
     for own in [(name, '/') for name in names]:
         ros.until(
             lambda own=own: (

@@ -83,7 +83,8 @@ def carriages_at(pose, time=0.0):
 
 
 def test_stream_of_poses_becomes_positions_and_velocities(bench):
-    begin, speed = bench.now(), 0.2
+    begin = bench.now()
+    speed = 0.2
     for k in range(5):
         pose = MIDDLE._replace(x=MIDDLE.x + 0.01 * k * speed)
         bench.send(pose, begin + 0.01 * k)
@@ -187,10 +188,8 @@ def test_impossible_pose_is_rejected_with_value_and_bound(bench):
 
 def test_solve_returns_carriages_of_a_pose_or_path(bench):
     goal = Pose(-0.1, 0.28, -0.1)
-    single, path = (
-        bench.solve(rail(MIDDLE)),
-        bench.solve(rail(goal), rail(MIDDLE), 0.002),
-    )
+    single = bench.solve(rail(MIDDLE))
+    path = bench.solve(rail(goal), rail(MIDDLE), 0.002)
     assert {pose.header.frame_id for pose in single.poses} == {'actuator_space'}
     for plan, expected in (
         (single, [inverse_kinematics(GEOMETRY, MIDDLE)]),

@@ -19,11 +19,9 @@ class Inputs:
     """Node with one input topic, and its received messages."""
 
     def __init__(self, ros, arguments=()):
-        self.node, self.received, self.changes = (
-            ros.node('ik_service', cli_args=arguments),
-            [],
-            [],
-        )
+        self.node = ros.node('ik_service', cli_args=arguments)
+        self.received = []
+        self.changes = []
         self.diagnostics = diagnostics_of(self.node)
         self.watch = PublisherWatch(
             self.node, self.diagnostics, lambda: self.changes.append(self.watch.fault)
@@ -36,7 +34,8 @@ class Inputs:
 )
 def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros, topic):
     inputs = Inputs(ros, ['--ros-args', '-r', f'{NAME}:={topic.name}'])
-    driver, foreign = ros.node('driver'), ros.node('foreign')
+    driver = ros.node('driver')
+    foreign = ros.node('foreign')
     ours = driver.create_publisher(*topic)
     ros.until(ours.get_subscription_count, 'the subscription')
     ours.publish(JointState())
@@ -74,7 +73,8 @@ def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros, topic):
     ],
 )
 def test_incompatible_publisher_is_reported_until_it_leaves(ros, topic, qos, words):
-    inputs, driver = Inputs(ros), ros.node('driver')
+    inputs = Inputs(ros)
+    driver = ros.node('driver')
     if topic is not JOINT_STATES:
         inputs.watch.subscribe(topic, inputs.received.append)
     made = driver.create_publisher(*topic._replace(qos=qos))
@@ -101,10 +101,8 @@ def test_incompatible_publisher_is_reported_until_it_leaves(ros, topic, qos, wor
     ],
 )
 def test_second_publisher_of_an_input_is_an_error(ros, name, component, topic):
-    bench, made = (
-        NodeBench(ros, NODES[name]),
-        ros.node('player').create_publisher(*topic),
-    )
+    bench = NodeBench(ros, NODES[name])
+    made = ros.node('player').create_publisher(*topic)
     ros.until(made.get_subscription_count, 'the subscription')
     bench.publish(topic, topic.type())
     bench.until_status(
@@ -121,7 +119,8 @@ def test_second_publisher_of_an_input_is_an_error(ros, name, component, topic):
 @pytest.mark.parametrize('name', NODES)
 def test_publishers_are_counted_only_of_subscribed_topics(ros, monkeypatch, name):
     """A discovery server reports the publishers of a topic only to its subscribers."""
-    counted, count = set(), Node.count_publishers
+    counted = set()
+    count = Node.count_publishers
 
     def note(node, topic):
         counted.add(topic)

@@ -39,7 +39,8 @@ def test_pose_survives_conversion_to_a_message_and_back(x, y, theta, sign):
 def test_rounded_quaternion_is_accepted_with_its_yaw(theta, digits):
     message = pose_stamped('rail', 12.5, Pose(0.0, 0.0, theta)).pose
     q = message.orientation
-    q.z, q.w = round(q.z, digits), round(q.w, digits)
+    q.z = round(q.z, digits)
+    q.w = round(q.w, digits)
     yaw = planar_messages.planar_pose(message, 'goal').theta
     error = math.remainder(yaw - theta, math.tau)
     assert abs(error) < 2.0 * math.sqrt(0.5) * 10.0**-digits
@@ -57,15 +58,11 @@ def test_stamp_survives_conversion_to_seconds_and_to_text(sec, nanosec):
 @given(st.builds(Pose, lengths, lengths, angles), angles, st.floats(0.0, 0.2), lengths)
 def test_tilted_pose_is_projected_into_the_plane(place, direction, tilt, height):
     """Rotate a pose about z, then tilt it about an axis in the plane."""
-    turn, half = (
-        (math.cos(place.theta / 2), math.sin(place.theta / 2)),
-        math.sin(tilt / 2),
-    )
-    ax, ay, w = (
-        half * math.cos(direction),
-        half * math.sin(direction),
-        math.cos(tilt / 2),
-    )
+    turn = (math.cos(place.theta / 2), math.sin(place.theta / 2))
+    half = math.sin(tilt / 2)
+    ax = half * math.cos(direction)
+    ay = half * math.sin(direction)
+    w = math.cos(tilt / 2)
     found, out_of_plane = planar_messages.projected(
         PoseMessage(
             position=Point(x=place.x, y=place.y, z=height),
@@ -163,12 +160,11 @@ def test_long_foreign_text_is_shortened_in_a_rejection(text):
 
 def test_wrench_out_of_the_plane_is_ignored():
     message = WrenchStamped()
-    message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = (
-        1.0,
-        2.0,
-        9.0,
-    )
-    message.wrench.torque.x, message.wrench.torque.z = 9.0, 3.0
+    message.wrench.force.x = 1.0
+    message.wrench.force.y = 2.0
+    message.wrench.force.z = 9.0
+    message.wrench.torque.x = 9.0
+    message.wrench.torque.z = 3.0
     assert planar_messages.planar_wrench(message) == (1.0, 2.0, 3.0)
 
 
@@ -188,7 +184,8 @@ def test_disturbance_is_broadcast_in_frames_of_the_namespace(ros, monkeypatch):
     ros.until(
         lambda: transform.publish(12.5, Pose(0.1, 0.2, 1.0)) or sent, 'the transform'
     )
-    header, body = sent[0].header, sent[0].transform
+    header = sent[0].header
+    body = sent[0].transform
     assert (
         header.frame_id,
         sent[0].child_frame_id,

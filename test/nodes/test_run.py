@@ -50,10 +50,8 @@ def node_with(callback, period=0.01, make=BaseNode, receive=None, **hooks):
 
     def make_nodes():
         node = make('ending')
-        node.diagnostics, node.timer = (
-            diagnostics_of(node),
-            node.create_timer(period, callback),
-        )
+        node.diagnostics = diagnostics_of(node)
+        node.timer = node.create_timer(period, callback)
         for hook, function in hooks.items():
             setattr(node, hook, function)
         if receive:
@@ -102,7 +100,8 @@ def test_second_signal_ends_a_node_that_cannot_keep_up(executor, ros_domain):
             publisher.publish(Empty())
             time.sleep(0.005)
 
-    has_ended, closed = Event(), []
+    has_ended = Event()
+    closed = []
     make_nodes, _ = node_with(
         int, receive=lambda _: time.sleep(0.02), close=lambda: closed.append(rclpy.ok())
     )
@@ -343,15 +342,15 @@ def test_simulated_time_is_rejected_as_a_live_change(executor):
 
 
 def test_messages_before_the_executor_started_are_processed(ros):
-    node, other, received = rclpy.create_node('late'), ros.node('other'), []
+    node = rclpy.create_node('late')
+    other = ros.node('other')
+    received = []
     node.create_subscription(Empty, 'sent', received.append, 3)
     node.create_service(
         Trigger, 'asked', lambda request, response: received.append(request) or response
     )
-    publisher, client = (
-        other.create_publisher(Empty, 'sent', 3),
-        other.create_client(Trigger, 'asked'),
-    )
+    publisher = other.create_publisher(Empty, 'sent', 3)
+    client = other.create_client(Trigger, 'asked')
     ros.until(
         lambda: client.service_is_ready() and publisher.get_subscription_count(), 'both'
     )

@@ -5,7 +5,8 @@ import pytest
 from facade_manipulator.errors import DriveStateError
 from facade_manipulator.nodes.software_stop import SoftwareStop
 
-FIRST, SECOND = 'software_stop', 'watchdog/stop'
+FIRST = 'software_stop'
+SECOND = 'watchdog/stop'
 
 
 def test_each_supervisor_forbids_power_until_its_fresh_false():

@@ -81,7 +81,9 @@ class Run:
 
     def go(self, motion, duration, published=None, spoil=None, jitter=0.0):
         """Continue the run; `spoil` changes estimates, `published` is their deviation."""
-        errors, deviations, begin = [], [], len(self.errors)
+        errors = []
+        deviations = []
+        begin = len(self.errors)
         for k in range(begin, begin + round(duration * self.rate)):
             time = k / self.rate
             if jitter:

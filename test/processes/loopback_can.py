@@ -16,9 +16,12 @@ import can
 
 EVERYBODY = '127.255.255.255'
 FRAME = struct.Struct('=IB3x8s')  # struct can_frame, with its flags
-EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
+EXTENDED = 0x80000000
+REMOTE = 0x40000000
+ERROR = 0x20000000
 STAMP = struct.Struct('@ll')
-SO_RCVBUFFORCE, SO_TIMESTAMPNS = 33, 35
+SO_RCVBUFFORCE = 33
+SO_TIMESTAMPNS = 35
 MUCH = 8 << 20  # bytes that wait for a reader
 
 

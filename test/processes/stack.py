@@ -43,7 +43,9 @@ def promptly(priority: int) -> Callable[[], None]:
     return begin
 
 
-as_drives, as_driver = promptly(50), promptly(40)  # the control loop itself: 60
+# the control loop itself: 60
+as_drives = promptly(50)
+as_driver = promptly(40)
 
 
 def begun(process: subprocess.Popen, words: str) -> subprocess.Popen:
@@ -118,7 +120,8 @@ class Stack:
         """End drives and driver, so that others can use the bus."""
         if self._processes:
             self._processes.end()
-        self._processes = self._driver = None
+        self._processes = None
+        self._driver = None
 
 
 def bring_up(client: ManipulatorClient) -> None:

@@ -43,7 +43,8 @@ def sync_period(watcher, meanwhile=lambda: time.sleep(0.005)):
 
 
 def test_targets_on_the_bus_follow_a_goal(active, watcher, start_process):
-    manipulators, heads = [], []
+    manipulators = []
+    heads = []
     topic = topics.END_EFFECTOR_POSE
     active.node.create_subscription(
         topic.type, topic.name, heads.append, topic.subscription_qos

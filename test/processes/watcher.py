@@ -15,7 +15,8 @@ from facade_manipulator.canopen.pdo import TPDO1
 from facade_manipulator.drives.states import decode_state, State
 
 NODES = (1, 2, 3)
-PULSE, PULSE_PERIOD = 0x7F1, 0.005  # s; no drive listens to it
+PULSE = 0x7F1  # no drive listens to it
+PULSE_PERIOD = 0.005  # s
 
 
 class Watcher:
@@ -53,7 +54,8 @@ class Watcher:
 
     def read(self) -> None:
         """Store the frames received until now."""
-        now = stamp = time.time()
+        now = time.time()
+        stamp = now
         with suppress(
             can.CanOperationError
         ):  # raised once after the interface went down

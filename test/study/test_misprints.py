@@ -24,7 +24,11 @@ POSES = (Pose(0.1, 0.25, 0.15), Pose(-0.2, 0.15, -0.1))
 
 
 def test_equation_11_is_correct_with_the_velocity_of_q2():
-    geometry, y, theta, b, step = Geometry(), 0.25, 0.1, 0.348, 1e-6
+    geometry = Geometry()
+    y = 0.25
+    theta = 0.1
+    b = 0.348
+    step = 1e-6
     before, (_, q2, q3), after = (
         inverse_kinematics(geometry, Pose(0.0, y, theta + turn * step))
         for turn in (-1, 0, 1)
@@ -52,15 +56,22 @@ def index(
 ) -> float:
     """Return the inverse condition number of the appendix, with one formula as printed."""
     _, y, theta = pose
-    s, c = sin(theta), cos(theta)
+    s = sin(theta)
+    c = cos(theta)
     q1, q2, q3 = inverse_kinematics(Geometry(length, b), pose)
-    a1, a2, a3 = b * q3 * s, b * q2 * s, b * q1 * s
-    a4, a5, a6, a7 = b * y * c, q3 * s, y * c, b * s
+    a1 = b * q3 * s
+    a2 = b * q2 * s
+    a3 = b * q1 * s
+    a4 = b * y * c
+    a5 = q3 * s
+    a6 = y * c
+    a7 = b * s
     power = {name: s if name == printed else s * s for name in ('A8', 'A9')}
     n = 2 * y * y * c + (q1 + q2 - 2 * q3) * y * s
     a8 = 3 * (b * b * (q1 - q2) * power['A8'] + b * n) ** 2
     a9 = 3 * (n + b * (q1 - q2) * power['A9']) ** 2
-    a10, a11 = (q3 - q2 + b * c) ** 2, (q1 - q3 + b * c) ** 2
+    a10 = (q3 - q2 + b * c) ** 2
+    a11 = (q1 - q3 + b * c) ** 2
     v = 0.0 if printed == 'v' else 1.0
     norm = (
         (y + a7) ** 2 / (3 * a10)

@@ -61,7 +61,8 @@ def test_demo_waits_for_the_end_of_the_driver(monkeypatch, tmp_path):
     monkeypatch.setattr('rclpy.try_shutdown', Mock())
     (tmp_path / 'driver.log').write_text('The bus is closed.')
     demo = Demo.__new__(Demo)
-    demo.client, demo.output = Mock(), tmp_path
+    demo.client = Mock()
+    demo.output = tmp_path
     demo.nodes = {'driver': (driver := Mock())}
     demo.end_nodes()
     (timeout,) = driver.wait.call_args.args

@@ -19,7 +19,9 @@ from facade_manipulator.simulation.drives.motor import SimulationSettings
 NODE = 2
 Emergency = namedtuple('Emergency', 'code register vendor_data')
 PERIOD = 0.01
-NMT_START, NMT_RESET, NMT_RESET_COMMUNICATION = 1, 129, 130
+NMT_START = 1
+NMT_RESET = 129
+NMT_RESET_COMMUNICATION = 130
 CPM = AxisSettings().counts_per_metre
 WAY_UP = {
     State.SWITCH_ON_DISABLED: Controlword.SHUTDOWN,
@@ -56,10 +58,12 @@ class Bench:
         self.drive.set_identity(1, 2, 3, 4)
         self.now = 0.0
         self.sent = []
-        self.controlword = self.target = 0
+        self.controlword = 0
+        self.target = 0
         self.mode = Mode.CYCLIC_SYNCHRONOUS_POSITION
         self.sends_heartbeat = False
-        self.status = self.motion = None
+        self.status = None
+        self.motion = None
 
     # --- frames
 
@@ -70,7 +74,8 @@ class Bench:
 
     def wait(self, seconds):
         """Call the drive at each of its deadlines; return the frames that it sends."""
-        end, answer = self.now + seconds, []
+        end = self.now + seconds
+        answer = []
         while self.now < end:
             self.now = min(max(self.drive.deadline, self.now), end)
             answer += self.drive.advance(self.now)

@@ -57,7 +57,8 @@ def standard_command(bits):
 def test_simulated_drive_in_any_state_obeys_each_controlword(state):
     drive = Bench().configure().drive
     for controlword in range(0x200):
-        drive.axis.state, drive.axis._controlword = state, Controlword.QUICK_STOP
+        drive.axis.state = state
+        drive.axis._controlword = Controlword.QUICK_STOP
         drive.errors = [0x8611] * (state is State.FAULT)
         drive.axis.control(controlword)
         command = standard_command(

@@ -6,7 +6,8 @@ from simulation.drives.bench import Bench
 
 from facade_manipulator.drives.states import Controlword, State
 
-OFF, STOPPING = State.FAULT, State.FAULT_REACTION_ACTIVE
+OFF = State.FAULT
+STOPPING = State.FAULT_REACTION_ACTIVE
 EFFECTS = {  # state at once
     0x1000: OFF,
     0x2310: OFF,

@@ -16,12 +16,11 @@ DONE = Status.HOMING_ATTAINED | Status.TARGET_REACHED
 ON_SWITCHES = (-0.56, -0.55, -0.005, 0.004, 0.55, 0.56)  # m
 BITS = DONE | Status.HOMING_ERROR
 TURN = AxisSettings().counts_per_revolution
-LOWER, UPPER, STOP, HOME_HALF = (
-    -0.545,
-    0.545,
-    0.56,
-    0.005,
-)  # m, the defaults of the settings
+# the defaults of the settings [m]
+LOWER = -0.545
+UPPER = 0.545
+STOP = 0.56
+HOME_HALF = 0.005
 
 
 def index_beyond(position, direction):

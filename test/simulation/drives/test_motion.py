@@ -78,5 +78,6 @@ def test_quick_stop_follows_its_option_code(option, state):
     bench.controlword = Controlword.QUICK_STOP
     bench.cycle(60)
     assert bench.state is state and bench.motion.velocity == 0
-    way, latency = bench.drive.motor.carriage_position - start, 0.4 * 2 * PERIOD
+    way = bench.drive.motor.carriage_position - start
+    latency = 0.4 * 2 * PERIOD
     assert 0.4**2 / (2 * 5.0) <= way <= 0.4**2 / (2 * 5.0) + latency

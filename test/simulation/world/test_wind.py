@@ -17,7 +17,8 @@ def gusts(seed, duration=600.0, step=0.05, wind=WIND):
     velocities = np.array(
         [source.velocity(time) for time in np.arange(0.0, duration, step)]
     )
-    cosine, sine = math.cos(wind.direction), math.sin(wind.direction)
+    cosine = math.cos(wind.direction)
+    sine = math.sin(wind.direction)
     return velocities @ np.array([[cosine, -sine], [sine, cosine]])
 
 
@@ -29,7 +30,8 @@ def test_gusts_have_mean_and_deviation_of_the_wind():
 
 
 def test_gust_power_in_a_band_matches_the_spectrum():
-    step, band = 0.05, (0.1, 0.5)
+    step = 0.05
+    band = (0.1, 0.5)
     frequencies = np.fft.rfftfreq(12000, step)
     inside = (frequencies >= band[0]) & (frequencies < band[1])
     power = np.mean(

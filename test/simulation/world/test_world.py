@@ -81,7 +81,8 @@ def test_another_seed_gives_other_wind_and_noise():
 
 def test_world_is_independent_of_the_length_of_calls():
     carriages = inverse_kinematics(GEOMETRY, MIDDLE)
-    scenario, ends = load_scenario('gusts'), []
+    scenario = load_scenario('gusts')
+    ends = []
     for steps in (10, 50):
         world = World(scenario, GEOMETRY)
         for number in range(1, steps + 1):
@@ -124,14 +125,17 @@ def test_raw_sensors_read_the_prescribed_motion(monkeypatch):
     world = World(Scenario(motion=Motion(**SINES), raw_sensors=True), GEOMETRY)
     world.model.sensor_noise[:] = 0.0
     finish(world, 4.0)
-    motion, counts = Motion(**SINES).poses, Counter()
+    motion = Motion(**SINES).poses
+    counts = Counter()
     for sensor, stamp, values in world.raw_sensors.receive(math.inf):
         counts[sensor] += 1
         before, here, after = (
             np.array(motion(stamp + shift)) for shift in (-1e-3, 0.0, 1e-3)
         )
-        (ax, ay, _), (x, y, theta) = (before - 2.0 * here + after) / 1e-6, here
-        cosine, sine = math.cos(theta), math.sin(theta)
+        (ax, ay, _) = (before - 2.0 * here + after) / 1e-6
+        (x, y, theta) = here
+        cosine = math.cos(theta)
+        sine = math.sin(theta)
         expected = {
             'imu': (
                 0.0,
