@@ -168,6 +168,23 @@ def test_homing_without_bit_10_ends_at_rest(pulses_per_revolution):
 # --- all three axes
 
 
+def homing_axes(methods, speed, ranks=(1, 2, 3)):
+    """Return axes with homing methods and ranks, at a speed [m/s]."""
+    return tuple(
+        replace(axis, homing_method=method, homing_rank=rank, homing_speed=speed)
+        for axis, method, rank in zip(DEFAULT_AXES, methods, ranks, strict=True)
+    )
+
+
+def until_first_is_homed(rig):
+    """Home until q1, the first in the order, is homed; return the request."""
+    rig.request('configure')
+    job = rig.ask('home')
+    first = rig.controller.axes[0]
+    rig.until(lambda: first.homing is not None and first.homing.is_homed, 30.0)
+    return job
+
+
 def test_axes_of_higher_rank_home_later(make_rig):
     axes = tuple(
         replace(axis, homing_rank=rank)
@@ -191,9 +208,7 @@ def test_axes_of_higher_rank_home_later(make_rig):
 @pytest.mark.parametrize('rate', [100, 200])
 @pytest.mark.parametrize('method', load_profile('simulated').homing_methods)
 def test_home_again_from_the_home_position_is_quick(make_rig, method, rate):
-    axes = tuple(
-        replace(axis, homing_method=method, homing_speed=0.5) for axis in DEFAULT_AXES
-    )
+    axes = homing_axes(3 * [method], 0.5, ranks=(1, 1, 1))
     rig = make_rig(axes=axes, settings=replace(SETTINGS, rate=rate))
     configured(rig)
     begin = rig.clock.now
@@ -224,15 +239,8 @@ def slip(drive, metres=0.012):
 @pytest.mark.parametrize('methods', [(37, 17, 17), (17, 17, 17), (37, 37, 37)], ids=str)
 @pytest.mark.parametrize('cycles', [1, 2, 5, 12])
 def test_slip_after_the_axis_is_homed_stops_homing(make_rig, methods, cycles):
-    axes = tuple(
-        replace(axis, homing_method=method, homing_rank=rank, homing_speed=0.2)
-        for axis, method, rank in zip(DEFAULT_AXES, methods, (1, 2, 3), strict=True)
-    )
-    rig = make_rig(axes=axes)
-    rig.request('configure')
-    job = rig.ask('home')
-    first = rig.controller.axes[0]
-    rig.until(lambda: first.homing is not None and first.homing.is_homed, 30.0)
+    rig = make_rig(axes=homing_axes(methods, 0.2))
+    job = until_first_is_homed(rig)
     rig.cycles(cycles)
     slip(rig.drives[0])
     with pytest.raises(DriveError, match='q1 .*has jumped by 0.012 m.*q1 is not homed'):
@@ -243,25 +251,14 @@ def test_slip_after_the_axis_is_homed_stops_homing(make_rig, methods, cycles):
 @pytest.mark.parametrize('speed', [0.1, 0.5])
 @pytest.mark.parametrize('method', [37, 17, 1, -4])
 def test_ordinary_homing_is_no_slip(make_rig, method, speed):
-    axes = tuple(
-        replace(axis, homing_method=method, homing_rank=rank, homing_speed=speed)
-        for axis, rank in zip(DEFAULT_AXES, (1, 2, 3), strict=True)
-    )
-    rig = make_rig(axes=axes)
+    rig = make_rig(axes=homing_axes(3 * [method], speed))
     answer = rig.request('configure', 'home')
     assert answer.count('is homed') == 3
 
 
 def test_push_after_a_cancelled_homing_stops_nothing(make_rig):
-    axes = tuple(
-        replace(axis, homing_method=17, homing_rank=rank, homing_speed=0.2)
-        for axis, rank in zip(DEFAULT_AXES, (1, 2, 3), strict=True)
-    )
-    rig = make_rig(axes=axes)
-    rig.request('configure')
-    job = rig.ask('home')
-    first = rig.controller.axes[0]
-    rig.until(lambda: first.homing is not None and first.homing.is_homed, 30.0)
+    rig = make_rig(axes=homing_axes((17, 17, 17), 0.2))
+    job = until_first_is_homed(rig)
     rig.cycles(12)
     rig.request('halt')
     with pytest.raises(DriveStateError, match='cancelled by halt'):

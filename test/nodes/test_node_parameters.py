@@ -1,6 +1,7 @@
 """Parameters of the nodes: described, read-only unless marked live, unknown names rejected."""
 
 from contextlib import nullcontext
+from pathlib import Path
 import re
 
 from nodes.node_rig import NODES
@@ -19,6 +20,18 @@ from facade_manipulator.tools.parameter_files import read_machine
 
 PAIR = ('compensator', 'ik_service')  # nodes of the process `manipulator`
 DRIVER = '/**/driver: {ros__parameters: {%s}}'
+
+
+@pytest.fixture
+def arguments(tmp_path):
+    """Write a parameter file; return the arguments of ROS with it."""
+
+    def written(content):
+        file = tmp_path / 'parameters.yaml'
+        file.write_text(content)
+        return ['--ros-args', '--params-file', str(file)]
+
+    return written
 
 
 @pytest.mark.parametrize(
@@ -82,16 +95,11 @@ DRIVER = '/**/driver: {ros__parameters: {%s}}'
     ],
 )
 def test_unknown_or_ineffective_parameter_is_rejected_with_nearest_name(
-    ros, tmp_path, capfd, content, argument, message
+    ros, arguments, capfd, content, argument, message
 ):
-    file = tmp_path / 'parameters.yaml'
-    file.write_text(content)
-    args = [
-        '--ros-args',
-        '--params-file',
-        str(file),
-        *(('-p', argument) if argument else ()),
-    ]
+    args = arguments(content)
+    if argument:
+        args += ['-p', argument]
     # which is the driver if there is no name
     namespace = '/gondola_1' * argument.startswith('driver:')
     driver, ik_service = (
@@ -109,22 +117,18 @@ def test_unknown_or_ineffective_parameter_is_rejected_with_nearest_name(
         assert re.search(message.removeprefix('log: '), capfd.readouterr().err)
 
 
-def test_name_of_another_process_is_accepted_for_all_nodes(ros, tmp_path, capfd):
-    file = tmp_path / 'parameters.yaml'
-    file.write_text('/**: {ros__parameters: {horizon: 0.05, contact.force: 20.0}}')
-    args = ['--ros-args', '--params-file', str(file)]
+def test_name_of_another_process_is_accepted_for_all_nodes(ros, arguments, capfd):
+    args = arguments('/**: {ros__parameters: {horizon: 0.05, contact.force: 20.0}}')
     node = ros.add(NODES['ik_service'](cli_args=args))
     reject_unknown_parameters([node], args)
     assert 'horizon' not in capfd.readouterr().err
 
 
-def test_wrong_value_of_another_process_ends_no_node(ros, tmp_path):
-    file = tmp_path / 'parameters.yaml'
-    file.write_text(
+def test_wrong_value_of_another_process_ends_no_node(ros, arguments):
+    args = arguments(
         '/**: {ros__parameters: {limits.jerk: 100.0}}\n'
         '/**/driver: {ros__parameters: {limits.speed: -1.0}}\n'
     )
-    args = ['--ros-args', '--params-file', str(file)]
     node = ros.add(NODES['ik_service'](cli_args=args))
     reject_unknown_parameters([node], args)
 
@@ -140,10 +144,8 @@ def test_argument_for_all_nodes_needs_one_node_in_process(ros, argument, is_reje
         reject_unknown_parameters(nodes, args)
 
 
-def test_two_values_of_one_parameter_are_rejected(ros, tmp_path):
-    file = tmp_path / 'parameters.yaml'
-    file.write_text('/**/compensator: {ros__parameters: {geometry.link_length: 0.36}}')
-    args = ['--ros-args', '--params-file', str(file)]
+def test_two_values_of_one_parameter_are_rejected(ros, arguments):
+    args = arguments('/**/compensator: {ros__parameters: {geometry.link_length: 0.36}}')
     nodes = [ros.add(NODES[name](cli_args=args)) for name in PAIR]
     with pytest.raises(ParameterError) as error:
         reject_unknown_parameters(nodes, args)
@@ -162,17 +164,15 @@ def test_two_values_of_one_parameter_are_rejected(ros, tmp_path):
     ],
 )
 def test_former_name_is_rejected_with_the_present_name(
-    ros, tmp_path, section, former, present
+    ros, arguments, section, former, present
 ):
-    file = tmp_path / 'parameters.yaml'
-    file.write_text(f'{section}: {{ros__parameters: {{{former}}}}}')
-    args = ['--ros-args', '--params-file', str(file)]
+    args = arguments(f'{section}: {{ros__parameters: {{{former}}}}}')
     node = ros.add(NODES['ik_service'](cli_args=args))
     step = f'next: write {present} in section /'
     with pytest.raises(ParameterError, match=step):
         reject_unknown_parameters([node], args)
     with pytest.raises(ParameterError, match=step):
-        read_machine([file], 'ik_service')
+        read_machine([Path(args[-1])], 'ik_service')
 
 
 def test_pose_is_certified_alike_by_both_nodes(ros):
