@@ -37,11 +37,11 @@ class CommandGate(Generic[C]):
     Gate that passes only commands received while the drives were active.
 
     It is open while driver/status reports active drives. It is also open if no driver/status was
-    received within `STATUS_TIMEOUT` of the start, because a driver of another make publishes none.
+    received within `patience` of the start, because a driver of another make publishes none.
 
-    A closed gate holds the newest command for `STATUS_TIMEOUT`: a command that follows the
-    activation may arrive before the driver's status. The command passes if it was received after
-    the activation, and is rejected otherwise, once.
+    A closed gate holds the newest command for `patience`: a command that follows the activation
+    may arrive before the driver's status. The command passes if it was received after the
+    activation, and is rejected otherwise, once.
 
     The node calls `offer` for each command, `watch_driver` once, and `update` every `GATE_PERIOD`.
     Times are on the monotonic clock [s], because the system clock may be set.
@@ -60,9 +60,13 @@ class CommandGate(Generic[C]):
     Attributes
     ----------
     status : DriverStatus or None
-        None before the first message, `SILENT` after `DRIVER_SILENCE` without a message.
+        None before the first message, `SILENT` after `silence` without a message.
     held : command or None
         Command that waits for the status of the driver.
+    patience : float
+        Longest wait for the first status, and for the status after a command [s].
+    silence : float
+        Time without a status after which the driver counts as silent [s].
 
     """
 
@@ -80,6 +84,8 @@ class CommandGate(Generic[C]):
         self._reject = reject
         self._end = end
         self._repeat = repeat
+        self.patience = self.STATUS_TIMEOUT
+        self.silence = DRIVER_SILENCE
         self.status: DriverStatus | None = None
         self._opened = math.inf  # commands received before do not pass
         self._deadline = math.inf  # of the next status; set by the first update
@@ -104,7 +110,7 @@ class CommandGate(Generic[C]):
 
     def receive(self, now: float, system_time: float, status: DriverStatus) -> None:
         """Apply a driver/status; the age of the activation is that on the system clock [s]."""
-        self._deadline = now + DRIVER_SILENCE
+        self._deadline = now + self.silence
         before = self.status
         self.status = status
         if math.isinf(status.active_since):
@@ -125,13 +131,13 @@ class CommandGate(Generic[C]):
         """Apply the time-outs of the driver's status and of the held command."""
         if self._deadline == math.inf:
             # not in the constructor: a busy process may begin its callbacks late
-            self._deadline = now + self.STATUS_TIMEOUT
+            self._deadline = now + self.patience
         elif now > self._deadline and self.status is None:
             self._open(-math.inf)
         elif now > self._deadline and self.status is not SILENT:
             self._become_silent()
         held = self.held
-        if held is not None and now > held.received + self.STATUS_TIMEOUT:
+        if held is not None and now > held.received + self.patience:
             self._reject_held(held)
 
     def refusal(self, next_step: str) -> InputError:
