@@ -101,6 +101,12 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     node : rclpy.node.Node
     goal : Pose or None
         The last goal sent.
+    answer_timeout : float
+        Longest wait for an answer of a node [s].
+    repeat_after : float
+        Time until a harmless request without an answer is sent again [s].
+    silence : float
+        Time without driver/status after which the driver counts as silent [s].
 
     Notes
     -----
@@ -154,6 +160,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     ) -> None:
         self.node = Node(node_name, namespace=namespace)
         self.goal: Pose | None = None
+        self.answer_timeout = self.ANSWER_TIMEOUT
+        self.repeat_after = self.REPEAT_AFTER
+        self.silence = DRIVER_SILENCE
         self._stamp = ''  # of the last goal sent
         self._check = check
         self._frames = Frames.of(namespace)
@@ -327,14 +336,16 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         self,
         condition: Callback,
         what: str,
-        timeout: float = ANSWER_TIMEOUT,
+        timeout: float | None = None,
         next_step: str = '',
     ) -> Any:
         """
         Return the first true value of a condition.
 
-        Raises a NoAnswerError at a timeout [s], with the next step of the operator if given.
+        Raises a NoAnswerError at a timeout [s], by default `answer_timeout`, with the next step of
+        the operator if given.
         """
+        timeout = self.answer_timeout if timeout is None else timeout
         end = time.monotonic() + timeout
         while not (value := condition()):
             if time.monotonic() > end:
@@ -355,7 +366,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         Fast DDS may lose a request to a node that has just started (its issues 2641 and 3009). A
         harmless request is repeated until it is answered. Any other request is sent once; its
         caller waits for the answer to `driver_state` first. Raises a NoAnswerError after
-        `ANSWER_TIMEOUT` while the driver executes no request.
+        `answer_timeout` while the driver executes no request.
         """
         client = self._client(service)
         requests: list[Any] = []
@@ -371,16 +382,16 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             f'service {service.name}',
             next_step=self.START_NODES,
         )
-        end = time.monotonic() + self.ANSWER_TIMEOUT
+        end = time.monotonic() + self.answer_timeout
         while time.monotonic() < end:
             if is_harmless or not requests:
                 requests.append(client.call_async(service.type.Request(**fields)))
             with suppress(NoAnswerError):
-                return self.wait_until(response, service.name, self.REPEAT_AFTER)
+                return self.wait_until(response, service.name, self.repeat_after)
             if self._driver_values().get('state') in self.WORKING:
-                end = time.monotonic() + self.ANSWER_TIMEOUT
+                end = time.monotonic() + self.answer_timeout
         raise NoAnswerError(
-            f'timed out after {self.ANSWER_TIMEOUT:g} s waiting for the answer of '
+            f'timed out after {self.answer_timeout:g} s waiting for the answer of '
             f'{service.name}; next: {self.SAME_USER}'
         )
 
@@ -431,7 +442,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     def _driver_values(self) -> dict[str, str]:
         """Return the values of driver/status, empty while the driver is silent."""
         received, values = self._received[topics.DRIVER_STATUS][-1]
-        return values if time.monotonic() - received < DRIVER_SILENCE else {}
+        return values if time.monotonic() - received < self.silence else {}
 
     def _is_reached(self, stamp: str) -> bool:
         """Return whether a goal is reached; raises a RequestRejectedError if it has failed."""
