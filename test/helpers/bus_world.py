@@ -11,14 +11,12 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
-from functools import lru_cache
 import math
 
 from cycle_checks import CycleChecks
 from fake_bus import BusWorld
 from replies import future_of
 
-from facade_manipulator.canopen import sdo
 from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.clock import SteadyTime
 from facade_manipulator.control_loop.control_loop import guarded_follower
@@ -35,8 +33,6 @@ from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
-# every rig reads the same data sheets: three times 40 ms
-sdo.read_dictionary = lru_cache(sdo.read_dictionary)
 ANSWER_BOUND = 70.0  # s, for a request: homing may take 60 s
 IDLE_WAIT = 0.05  # s
 LEAD = 0.04  # s, by which a setpoint comes before its instant
