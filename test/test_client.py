@@ -14,7 +14,6 @@ from nav_msgs.srv import GetPlan
 import pytest
 from std_srvs.srv import Trigger
 
-from facade_manipulator import client as client_module
 from facade_manipulator import topics
 from facade_manipulator.client import (
     GoalNotReachedError,
@@ -126,9 +125,9 @@ def machine(ros):
 
 
 @pytest.fixture
-def client(machine, monkeypatch):
-    monkeypatch.setattr(client_module.ManipulatorClient, 'REPEAT_AFTER', 0.1)
+def client(machine):
     with ManipulatorClient('gondola_1', check=machine.step) as made:
+        made.repeat_after = 0.1
         yield made
 
 
@@ -141,7 +140,7 @@ def unanswered(client, monkeypatch):
         monkeypatch.setattr(client._client(service), 'call_async', lambda _: answer)
         return answer
 
-    monkeypatch.setattr(client_module.ManipulatorClient, 'ANSWER_TIMEOUT', 0.3)
+    client.answer_timeout = 0.3
     return leave_open
 
 
@@ -156,9 +155,7 @@ def test_requests_are_sent_once_and_rejections_raised_with_reason(client, machin
     }
     for request in requests:
         machine.report('inactive', next_step='home, activate')
-        client.wait_until(
-            lambda: client._driver_values().get('next step'), 'driver/status'
-        )
+        client.wait_until(lambda: client.status.next_step, 'driver/status')
         request()
     assert machine.requests == list(requests.values())
     machine.success = False
@@ -195,7 +192,7 @@ OLDER = [  # state, message and next step on driver/status before a request
 def test_home_decides_on_status_after_the_request(client, machine, older, is_homed):
     next_step = 'activate' if is_homed else 'home, activate'
     machine.report(*older)
-    client.wait_until(client._driver_values, 'driver/status')
+    client.wait_until(lambda: client.status.state == older[0], 'driver/status')
 
     def get_state(_, response):
         machine.report('inactive', next_step=next_step)
@@ -224,7 +221,7 @@ def test_home_skips_a_late_status_of_another_state(client, machine, older):
 @pytest.mark.parametrize('older', OLDER)
 def test_failed_transition_raises_the_reason_after_the_answer(client, machine, older):
     machine.report(*older)
-    client.wait_until(client._driver_values, 'driver/status')
+    client.wait_until(lambda: client.status.state == older[0], 'driver/status')
 
     def change_state(_, response):
         machine.act = lambda: machine.report('stopped', 'q2 is silent')
@@ -265,10 +262,8 @@ def test_request_waits_while_the_driver_works(client, machine, unanswered):
 
 
 @pytest.mark.parametrize('state', ['inactive', 'homing'])
-def test_request_to_idle_or_silent_driver_times_out(
-    client, machine, monkeypatch, unanswered, state
-):
-    monkeypatch.setattr(client_module, 'DRIVER_SILENCE', 0.2)
+def test_request_to_idle_or_silent_driver_times_out(client, machine, unanswered, state):
+    client.silence = 0.2
     machine.report_once(state)
     unanswered(topics.HALT)
     with pytest.raises(
@@ -311,9 +306,9 @@ def test_reached_goal_ends_go_to(client, machine):
     ],
 )
 def test_goal_that_is_not_reached_raises_its_reason(
-    client, machine, monkeypatch, state, values, error, message
+    client, machine, state, values, error, message
 ):
-    monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.5, ''))
+    client.answer_timeout = 0.5
     machine.answer_goals(state, values)
     with pytest.raises(error, match=message):
         client.go_to(GOAL, timeout=0.3)
@@ -360,8 +355,8 @@ def test_status_is_the_newest_message_of_the_driver(client, machine):
     )
 
 
-def test_status_of_a_silent_driver_names_a_next_step(client, machine, monkeypatch):
-    monkeypatch.setattr(client_module, 'DRIVER_SILENCE', 0.2)
+def test_status_of_a_silent_driver_names_a_next_step(client, machine):
+    client.silence = 0.2
     machine.report('active')
     client.wait_until(lambda: client.status.state == 'active', 'driver/status')
     machine.status = None
@@ -379,8 +374,8 @@ def test_goal_is_sent_to_a_compensator_discovered_late(ros, client, machine):
     assert machine.goals
 
 
-def test_goal_is_stamped_when_a_compensator_subscribes(client, machine, monkeypatch):
-    monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.1, ''))
+def test_goal_is_stamped_when_a_compensator_subscribes(client, machine):
+    client.answer_timeout = 0.1
     with pytest.raises(NoAnswerError, match='waiting for a compensator'):
         client.send_goal(GOAL)
     assert client.goal is None and not machine.goals

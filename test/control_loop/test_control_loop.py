@@ -85,11 +85,12 @@ class LoopRig(Rig):
             self.clock,
             (self.follower, self.controller),
         )
-        send_state = self.loop._send_state
-        self.loop._send_state = lambda snapshot: (
-            send_state(snapshot),
-            self._observe(snapshot),
-        )
+        self._send_state = self.controller.observe
+        self.controller.observe = self._send_and_observe
+
+    def _send_and_observe(self, snapshot) -> None:
+        self._send_state(snapshot)
+        self._observe(snapshot)
 
     def say(self, kind: str, *content: object) -> None:
         self.node.inbox.append((kind, content))

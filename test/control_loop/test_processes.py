@@ -32,13 +32,25 @@ sys.exit(control_loop.main(*map(int, sys.argv[1:])))
 """
 
 
+class StartedLoop(LoopClient):
+    """Client of a loop in a separate process, which a test may kill."""
+
+    def __init__(self, launch, **changes):
+        self._start = launch
+        super().__init__(replace(SETUP, **changes), lambda *_: None, self._start_loop)
+
+    def _start_loop(self, *ends):
+        self.process = self._start(*ends)
+        return self.process
+
+
 @pytest.fixture
 def start_loop():
     """Return a function that starts loops in separate processes."""
     clients = []
 
     def start(launch=start_process, **changes):
-        clients.append(LoopClient(replace(SETUP, **changes), lambda *_: None, launch))
+        clients.append(StartedLoop(launch, **changes))
         return clients[-1]
 
     yield start
@@ -71,11 +83,11 @@ def test_sigterm_to_the_loop_ends_it_in_order(start_loop):
         signal.SIGINT,
         signal.SIGHUP,
     ):  # a terminal's signals concern only the node
-        os.kill(client._process.pid, number)
+        os.kill(client.process.pid, number)
     with pytest.raises(ManipulatorError, match='cleanup is not possible'):
         request(client, 'cleanup')
-    os.kill(client._process.pid, signal.SIGTERM)
-    assert client._process.wait(DEADLINE) == 0
+    os.kill(client.process.pid, signal.SIGTERM)
+    assert client.process.wait(DEADLINE) == 0
 
 
 def hanging(method):
@@ -90,12 +102,12 @@ def test_loop_that_cannot_end_is_ended_by_the_kernel(start_loop):
     client = start_loop(hanging('close'))
     request(client, 'configure')
     client._channel.close()
-    assert client._process.wait(DEADLINE) == -signal.SIGALRM
+    assert client.process.wait(DEADLINE) == -signal.SIGALRM
 
 
 def test_loop_hanging_in_a_turn_is_ended(start_loop):
     client = start_loop(hanging('_require_node'))
-    assert client._process.wait(DEADLINE) == -signal.SIGALRM
+    assert client.process.wait(DEADLINE) == -signal.SIGALRM
 
 
 def test_modules_of_the_working_directory_are_ignored(

@@ -32,10 +32,11 @@ class LoopThread:
     def __init__(self, *ends: socket.socket) -> None:
         self._channel = Channel(*(end.dup() for end in ends))
         self.loop: ControlLoop | None = None
-        self._thread = Thread(target=self._run, daemon=True)
+        self._thread = Thread(target=self.run, daemon=True)
         self._thread.start()
 
-    def _run(self) -> None:
+    def run(self) -> None:
+        """Run the loop until its end."""
         self.loop = ControlLoop(*self._receive_setup(), self._channel)
         try:
             self.loop.run()
@@ -91,6 +92,11 @@ class NodeBench:
         self.components |= {
             status.name.partition(': ')[2]: status for status in message.status
         }
+
+    @property
+    def gate(self):
+        """Return the gate of commands of the node under test."""
+        return self.tested._gate
 
     def now(self):
         return ros_time()
@@ -154,7 +160,7 @@ class NodeBench:
         """Publish a driver/status and wait until the node has received it."""
         status = DriverStatus(state, activity, next_step, since)
         self.publish(topics.DRIVER_STATUS, driver_message(status))
-        self.ros.until(lambda: self.tested._gate.status == status, state)
+        self.ros.until(lambda: self.gate.status == status, state)
 
 
 def diagnostics_of(node):
@@ -179,9 +185,17 @@ class DriverBench(NodeBench):
     """Driver with simulated drives, whose control loop is a thread of the test."""
 
     def __init__(self, ros, parameters=None, **options):
+        self.make_thread = LoopThread
         super().__init__(
-            ros, NODES['driver'], SIMULATED | (parameters or {}), **options
+            ros,
+            partial(DriverNode, self._launch),
+            SIMULATED | (parameters or {}),
+            **options,
         )
+
+    def _launch(self, *ends):
+        self.thread = self.make_thread(*ends)
+        return self.thread
 
     def change(self, label='', number=0):
         """Request a transition by its label or its id; return whether the transition succeeds."""
@@ -205,14 +219,23 @@ class DriverBench(NodeBench):
     def bring_up(self):
         self.require('configure', 'home', 'activate')
 
+    @property
+    def loop(self):
+        """Return the node's side of the control loop."""
+        return self.tested._loop
+
     def disturb(self, number, fault):
         """Apply a fault, a function, to a simulated drive."""
-        with self.tested._loop._process.loop.simulator.access() as drives:
+        with self.thread.loop.simulator.access() as drives:
             fault(drives[number])
+
+    def operation(self):
+        """Return the present component operation."""
+        return self.tested._components()[0]
 
     def message(self):
         """Return the present message of the component operation."""
-        return self.tested._components()[0].message
+        return self.operation().message
 
     def until_state(self, label):
         self.ros.until(lambda: self.tested.state_label == label, label)

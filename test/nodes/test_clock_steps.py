@@ -48,10 +48,10 @@ def test_estimate_continues_after_a_clock_step(ros, set_clock, step):
     sensors = Sensors(ros)
     sensors.timer = sensors.node.create_timer(PERIOD, sensors.measure)
     sensors.until_estimates(50)
-    events = len(sensors.tested._estimator.events)
+    events = len(sensors.events())
     set_clock(step)
     sensors.until_estimates(150)
-    newer = [event.text for event in sensors.tested._estimator.events][events:]
+    newer = sensors.events()[events:]
     assert not any('restart' in text for text in newer)
 
 
@@ -61,9 +61,9 @@ def test_path_continues_after_a_clock_step(ros, set_clock, step):
     neighbours.repeat(neighbours.estimate)
     neighbours.send_goal()
     ros.until(lambda: len(neighbours.corrected) > 50, 'corrected poses')
-    before = neighbours.tested._compensator.initialisations
+    before = neighbours.compensation.initialisations
     set_clock(step)
     count = len(neighbours.corrected) + 50
     ros.until(lambda: len(neighbours.corrected) > count, 'more corrected poses')
-    assert neighbours.tested._compensator.initialisations == before
-    assert neighbours.tested._compensator.correction.mode is CorrectionMode.ACTIVE
+    assert neighbours.compensation.initialisations == before
+    assert neighbours.compensation.correction.mode is CorrectionMode.ACTIVE

@@ -45,6 +45,11 @@ class Neighbours(NodeBench):
         self.references = self.collect(topics.REFERENCE)
         self.statuses = self.collect(topics.GOAL_STATUS)
 
+    @property
+    def compensation(self):
+        """Return the core of the node under test."""
+        return self.tested._compensator
+
     def stamped(self, message, frame):
         message.header.frame_id = frame
         message.header.stamp = stamp(self.now())
@@ -131,7 +136,7 @@ def test_goal_is_corrected_until_disabled_silent_or_tared(neighbours):
     assert message.header.frame_id == 'rail' and reference.header.frame_id == 'facade'
     assert seconds(message.header.stamp) - neighbours.now() < 0.07
     assert reference.header.stamp in [one.header.stamp for one in neighbours.corrected]
-    neighbours.tested._compensator.following.lag = 0.04
+    neighbours.compensation.following.lag = 0.04
     neighbours.ros.until(
         lambda: (
             seconds(neighbours.references[-1].header.stamp)
@@ -271,21 +276,19 @@ def test_two_drivers_from_the_start_move_nothing(ros, neighbours):
         ros.until(driver.get_subscription_count, 'the compensator')
     status = DriverStatus('active', 'holding', '', neighbours.now())
     drivers[0].publish(driver_message(status))
-    ros.until(lambda: neighbours.tested._gate.status is SILENT, 'the rejection')
+    ros.until(lambda: neighbours.gate.status is SILENT, 'the rejection')
     neighbours.send_goal()
     neighbours.until_goal_status('rejected: driver/status has 2 publishers')
     assert not neighbours.corrected
 
 
-def test_goal_right_after_the_activation_is_followed(neighbours, monkeypatch):
+def test_goal_right_after_the_activation_is_followed(neighbours):
     """The goal may arrive before the driver's status, which another process publishes."""
-    monkeypatch.setattr(
-        'facade_manipulator.nodes.command_gate.CommandGate.STATUS_TIMEOUT', 60.0
-    )
+    neighbours.gate.patience = 60.0
     neighbours.publish_driver('activating')
     since = neighbours.now()
     neighbours.send_goal()
-    neighbours.ros.until(lambda: neighbours.tested._gate.held, 'the goal')
+    neighbours.ros.until(lambda: neighbours.gate.held, 'the goal')
     neighbours.publish_driver('active', since=since)
     neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
     neighbours.until_goal_status('accepted')
@@ -403,14 +406,10 @@ def test_goal_before_driver_status_is_answered_in_time(ros, monkeypatch, later, 
 
 
 @pytest.mark.parametrize('during', [False, True])
-def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, during):
-    monkeypatch.setattr('facade_manipulator.nodes.command_gate.DRIVER_SILENCE', 0.3)
-    # shorter than the silence, as in the node
-    monkeypatch.setattr(
-        'facade_manipulator.nodes.command_gate.CommandGate.STATUS_TIMEOUT', 0.075
-    )
-    neighbours = Neighbours(ros)
-    gate = neighbours.tested._gate
+def test_goal_before_or_during_driver_silence_moves_nothing(neighbours, during):
+    gate = neighbours.gate
+    gate.silence = 0.3
+    gate.patience = 0.075  # shorter than the silence, as in the node
     neighbours.publish_driver('inactive', next_step='activate')
     neighbours.send_goal()
     neighbours.until_goal_status(
@@ -435,12 +434,12 @@ def test_goal_before_or_during_driver_silence_moves_nothing(ros, monkeypatch, du
     neighbours.statuses.clear()
     neighbours.corrected.clear()
     neighbours.publish_driver('active', since=since)
-    ros.until(lambda: gate.status is SILENT, 'another silence')
+    neighbours.ros.until(lambda: gate.status is SILENT, 'another silence')
     # one message was still in the middleware
     assert len(neighbours.corrected) <= 1 and not neighbours.statuses
     neighbours.publish_driver('active', since=since)
     neighbours.send_goal()
-    ros.until(lambda: neighbours.corrected, 'a corrected pose')
+    neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
 
 
 def test_hold_ends_the_goal_and_reports_no_other(following):
@@ -462,7 +461,7 @@ def test_hold_ends_the_goal_and_reports_no_other(following):
 
 def test_force_and_lateral_offset_reach_the_contact(ros):
     neighbours = Neighbours(ros, {'contact.enabled': True, 'lateral.enabled': True})
-    contact = neighbours.tested._compensator.contact
+    contact = neighbours.compensation.contact
     neighbours.repeat(
         lambda: neighbours.press(-5.0 + 0.01 * math.sin(1e3 * neighbours.now()))
     )

@@ -37,6 +37,10 @@ class Sensors(NodeBench):
         )
         self.estimates = self.collect(topics.DISTURBANCE_ODOMETRY)
 
+    def events(self):
+        """Return the events of the estimator as texts."""
+        return [event.text for event in self.tested._estimator.events]
+
     def send(self, topic, message, age=0.004):
         message.header.stamp = stamp(self.now() - age)
         self.publish(topic, message)
@@ -84,7 +88,7 @@ def test_raw_sensors_give_odometry_with_covariance(sensors, capfd):
     sensors.until_status('sensor range_1', 'measuring', 'ok')
     sensors.until_status('sensor fix_pose.x', 'no measurement has been received')
     assert 1.0 < float(sensors.value('sensor range_1', 'rate [Hz]')) < 2.0 / PERIOD
-    events = [event.text for event in sensors.tested._estimator.events]
+    events = sensors.events()
     log = capfd.readouterr().err
     assert events and all(log.count(text) == events.count(text) for text in events)
     sensors.timer.cancel()

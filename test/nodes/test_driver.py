@@ -52,7 +52,7 @@ class Bench(DriverBench):
         return list(self.states[-1].position) if self.states else None
 
     def values(self):
-        return status_values(self.tested._components()[0])
+        return status_values(self.operation())
 
     def until_driver(self, *state_and_next_step):
         """Wait for state and next step on driver/status; return the time of the activation [s]."""
@@ -151,9 +151,9 @@ def test_driver_status_is_the_component_operation(bench):
     assert published.keys() == bench.values().keys()
     assert bench.statuses[-1].message == bench.message()
     bench.statuses.clear()
-    cycles = bench.tested._loop.snapshot().cycle.cycles
+    cycles = bench.loop.snapshot().cycle.cycles
     bench.ros.until(
-        lambda: bench.tested._loop.snapshot().cycle.cycles > cycles + 100, 'a second'
+        lambda: bench.loop.snapshot().cycle.cycles > cycles + 100, 'a second'
     )
     assert len(bench.statuses) < 5  # twice a second
 
@@ -201,7 +201,7 @@ def test_self_test_reports_drives_and_bus(bench):
 
 def test_end_of_the_loop_makes_the_driver_unconfigured(bench):
     bench.bring_up()
-    bench.tested._loop._process.kill()
+    bench.thread.kill()
     bench.until_state('unconfigured')
     assert 'the control loop has ended by itself, exit status 0' in bench.message()
     assert bench.values()['next step'].endswith('then configure, home, activate')
@@ -213,23 +213,18 @@ def test_end_of_the_loop_makes_the_driver_unconfigured(bench):
 def test_node_ends_while_configure_restarts_the_loop(bench, is_released):
     """The signal comes while the loop starts, or after its start."""
     bench.require('configure')
-    bench.tested._loop._process.kill()
+    bench.thread.kill()
     bench.until_state('unconfigured')
     released = Event()
     is_starting = Event()
-    started = []
 
     class SlowLoop(LoopThread):
-        def _run(self):
+        def run(self):
             is_starting.set()
             released.wait(DEADLINE)
-            super()._run()
+            super().run()
 
-    def launch(*ends):
-        started.append(SlowLoop(*ends))
-        return started[0]
-
-    bench.tested._loop._launch = launch
+    bench.make_thread = SlowLoop
     if is_released:
         released.set()
     change = bench.node.create_client(*topics.CHANGE_STATE)
@@ -240,15 +235,15 @@ def test_node_ends_while_configure_restarts_the_loop(bench, is_released):
     Timer(0.3, released.set).start()
     with limited('the end of the node', DEADLINE):
         bench.tested.close()
-    assert bench.tested._loop.snapshot().state in ENDED
-    assert started[0].wait(DEADLINE) == 0
-    assert started[0].loop.controller.snapshot().state is ControllerState.CLOSED
+    assert bench.loop.snapshot().state in ENDED
+    assert bench.thread.wait(DEADLINE) == 0
+    assert bench.thread.loop.controller.snapshot().state is ControllerState.CLOSED
 
 
 def test_live_limits_with_which_carriages_touch_are_rejected(bench):
     result = bench.tested.set_parameters([Parameter('limits.speed', value=5.0)])[0]
     assert not result.successful and 'axes.max_speed' in result.reason
-    assert bench.tested._loop._setup.limits.speed < 5.0
+    assert bench.loop._setup.limits.speed < 5.0
 
 
 def test_end_of_the_node_is_published(bench):

@@ -44,7 +44,7 @@ class Bench(NodeBench):
             lambda: (
                 self.tested.count_subscribers('joint_setpoints') == 1
                 and self.components
-                and self.tested._gate.is_open  # without a driver
+                and self.gate.is_open  # without a driver
             ),
             'the graph',
         )
@@ -265,7 +265,7 @@ def test_pose_before_the_activation_moves_nothing(bench):
     bench.until_head(Pose(-0.05, 0.25, 0.0))
     bench.publish_driver('inactive')
     bench.send(MIDDLE)
-    bench.until(lambda: bench.tested._gate.held, 'the goal')
+    bench.until(lambda: bench.gate.held, 'the goal')
     bench.publish_driver('active', since=bench.now())
     assert not bench.is_approaching
     bench.publish_driver('activating')
@@ -273,34 +273,31 @@ def test_pose_before_the_activation_moves_nothing(bench):
     bench.send(
         MIDDLE
     )  # right after the activation, which the driver's status reports later
-    bench.until(lambda: bench.tested._gate.held, 'the goal')
+    bench.until(lambda: bench.gate.held, 'the goal')
     bench.publish_driver('active', since=since)
     bench.until(lambda: bench.setpoints, 'a setpoint')
     bench.publish_driver('stopped')
     bench.until(lambda: not bench.is_approaching, 'the end of the approach')
 
 
-def test_pose_that_the_gate_held_is_for_the_present(bench, monkeypatch):
-    monkeypatch.setattr(
-        'facade_manipulator.nodes.command_gate.CommandGate.STATUS_TIMEOUT', 60.0
-    )
+def test_pose_that_the_gate_held_is_for_the_present(bench):
+    bench.gate.patience = 60.0
     bench.publish_driver('activating')
     since = bench.now()
     bench.send(MIDDLE, since)
-    bench.until(lambda: bench.tested._gate.held, 'the pose')
+    bench.until(lambda: bench.gate.held, 'the pose')
     bench.until(lambda: bench.now() > since + 0.3, 'a late status')
     bench.publish_driver('active', since=since)
     bench.until(lambda: bench.setpoints, 'a setpoint')
     assert seconds(bench.setpoints[0].header.stamp) > since + 0.3
 
 
-def test_pose_during_driver_silence_moves_nothing(ros, monkeypatch):
-    monkeypatch.setattr('facade_manipulator.nodes.command_gate.DRIVER_SILENCE', 0.3)
-    bench = Bench(ros)
+def test_pose_during_driver_silence_moves_nothing(bench):
+    bench.gate.silence = 0.3
     bench.until_head(Pose(-0.05, 0.25, 0.0))
     since = bench.now()
     bench.publish_driver('active', since=since)
-    bench.until(lambda: bench.tested._gate.status is SILENT, 'silence')
+    bench.until(lambda: bench.gate.status is SILENT, 'silence')
     bench.tested._receive_corrected_pose(rail(MIDDLE))
     bench.publish_driver('active', since=since)
     assert not bench.is_approaching and not bench.setpoints

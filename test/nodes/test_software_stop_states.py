@@ -42,7 +42,7 @@ class Bench(DriverBench):
 
     def cause(self):
         """Return why the control loop may give no drive power."""
-        return self.tested._loop._forbidden
+        return self.loop._forbidden
 
     def until_cause(self, text):
         self.ros.until(
@@ -66,7 +66,7 @@ class Bench(DriverBench):
         """Wait for a next step that no longer asks for a false."""
         self.ros.until(
             lambda: (
-                text in (step := self.tested._loop.snapshot().next_step)
+                text in (step := self.loop.snapshot().next_step)
                 and 'publish false' not in step
             ),
             f'the next step {text!r}',
@@ -76,7 +76,7 @@ class Bench(DriverBench):
         self.until_state(state)
         if state == 'inactive':
             self.ros.until(
-                lambda: self.tested._loop.snapshot().power == 'confirmed off',
+                lambda: self.loop.snapshot().power == 'confirmed off',
                 'the power off',
             )
             assert self.rejection('home') and self.rejection('activate')
