@@ -106,22 +106,20 @@ def driver_state() -> str:
         return client.driver_state()
 
 
-def test_example_leaves_drives_unpowered_after_its_strokes(driver, begin, ros):
+def test_example_is_unconfigured_before_confirmation_and_after_its_end(
+    driver, begin, ros
+):
     operator = begin('--strokes', '2')
+    wait_until(lambda: QUESTION in operator.output(), 'the first question')
+    assert driver_state() == 'unconfigured'
     operator.confirm_until_end()
     assert 'stroke 2 of 2' in operator.output()
     assert driver_state() == 'unconfigured'
 
 
-def test_example_sends_no_request_before_confirmation(driver, begin, ros):
-    operator = begin()
-    wait_until(lambda: QUESTION in operator.output(), 'the first question')
-    assert driver_state() == 'unconfigured'
-
-
 @of_rclpy
 def test_example_continues_after_a_confirmed_fault(driver, begin):
-    operator = begin('--strokes', '4')
+    operator = begin('--strokes', '3')
     operator.confirm_until('stroke 1 of')
     (loop,) = children(driver.pid)
     os.kill(loop, signal.SIGSTOP)
@@ -133,7 +131,7 @@ def test_example_continues_after_a_confirmed_fault(driver, begin):
 
 @of_client
 def test_example_continues_with_a_restarted_driver(driver, start_driver, begin):
-    operator = begin('--strokes', '4')
+    operator = begin('--strokes', '3')
     operator.confirm_until('stroke 1 of')
     os.kill(driver.pid, signal.SIGKILL)
     wait_until(lambda: driver.poll() is not None, 'the end of the driver')

@@ -1,9 +1,10 @@
 """
-First fault of a process: `python first_fault.py NAME` prints its computation as JSON.
+First fault of a process: `python first_fault.py` prints the computation of each fault as JSON.
 
-The drives follow a stream when the fault begins. Reported are the files and modules that the
-controller opens or imports until it has commanded the stop, and the maximum number of function
-calls in one of its turns. The simulated drives and the bus of the test are not counted.
+A process is forked for each fault, while the drives follow a stream. Reported are the files and
+modules that the controller opens or imports until it has commanded the stop, and the maximum
+number of function calls in one of its turns. The simulated drives and the bus of the test are not
+counted.
 """
 
 from __future__ import annotations
@@ -154,28 +155,37 @@ class Watch:
             self.loaded.append(f'{event} {details[0]}')
 
 
-def main(name: str) -> None:
+def run_fault(rig: Rig, name: str) -> None:
     """Run the fault and print what the controller has done until the drives have stopped."""
-    logging.getLogger().addHandler(QueueHandler(SimpleQueue()))  # as the loop's process
-    rig = Rig()
-    in_motion(rig)
-    rig.controller.observe = lambda _: (
-        None
-    )  # the checks reject defects of the controller
     watch = Watch(rig)
     rig.controller.turn = watch.turn
     FAULTS[name](rig)
     rig.run(0.5)
-    print(
-        json.dumps(
-            {
-                'loaded': watch.loaded,
-                'calls': watch.most_calls,
-                'cause': rig.all_causes,
-            }
-        )
-    )
+    result = {
+        'name': name,
+        'loaded': watch.loaded,
+        'calls': watch.most_calls,
+        'cause': rig.all_causes,
+    }
+    print(json.dumps(result), flush=True)
+
+
+def main() -> None:
+    """Run each fault in a process in which it is the first one."""
+    logging.getLogger().addHandler(QueueHandler(SimpleQueue()))  # as the loop's process
+    rig = Rig()
+    in_motion(rig)
+    # the checks reject defects of the controller
+    rig.controller.observe = lambda _: None
+    for name in FAULTS:
+        child = os.fork()
+        if child == 0:
+            run_fault(rig, name)
+            return
+        _, status = os.waitpid(child, 0)
+        if status:
+            raise SystemExit(f'{name} ends with status {status}')
 
 
 if __name__ == '__main__':
-    main(sys.argv[1])
+    main()

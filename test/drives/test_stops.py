@@ -203,7 +203,7 @@ def test_stop_takes_effect_whatever_follows_at_once(
     press(rig)
     answer = rig.ask(request_) if request_ else None
     rig.until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 0.1)
-    rig.run(2.0)
+    rig.run(1.0)  # home and activate give power within 0.3 s
     assert State.OPERATION_ENABLED not in rig.drive_states
     if request_ == 'clear_faults':
         assert 'cleared (the red button is pressed)' in answer.result()

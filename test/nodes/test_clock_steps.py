@@ -33,8 +33,8 @@ def test_stream_remains_a_stream_after_a_clock_step(ros, set_clock, step):
     bench = Bench(ros)
     bench.until_head(MIDDLE)
     approaches = []
-    for number in range(60):
-        if number == 30:
+    for number in range(30):
+        if number == 15:
             set_clock(step)
         count = len(bench.setpoints)
         bench.send(MIDDLE, bench.now())

@@ -14,6 +14,11 @@ INDICES = sorted(set(re.findall(r'^\[([0-9A-F]{4})', SHIPPED, re.MULTILINE)))
 OPERATIONAL = bytes([1, 0])
 
 
+def made(*options):
+    """Return the drives of these options of `drive_simulator`."""
+    return make_drives(_parser().parse_args(options))
+
+
 def without(text, index):
     """Return the text of an EDS without the sections of an object."""
     sections = re.split(r'^(?=\[)', text, flags=re.MULTILINE)
@@ -27,7 +32,7 @@ def test_drive_without_an_object_runs_or_is_rejected(tmp_path, index):
     path = tmp_path / 'own.yaml'
     path.write_text(re.sub('^eds: .*', 'eds: own.eds', profile, flags=re.MULTILINE))
     try:
-        drive, *_ = make_drives(_parser().parse_args(['--profile', str(path)]))
+        (drive,) = made('--profile', str(path), '--node-ids', '1')
     except ParameterError as error:
         assert f'{index}h' in str(error) and 'next: ' in str(error)
         return
@@ -39,7 +44,7 @@ def test_drive_without_an_object_runs_or_is_rejected(tmp_path, index):
 
 
 def test_drive_without_heartbeat_consumer_ignores_its_master():
-    drive, *_ = make_drives(_parser().parse_args(['--missing-objects', '0x1016']))
+    drive, *_ = made('--missing-objects', '0x1016')
     assert (cob_ids.HEARTBEAT + drive.node_id, bytes(1)) in drive.advance(
         0.1
     )  # boot-up
