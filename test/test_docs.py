@@ -72,17 +72,20 @@ def names(cell: str) -> list[str]:
 
 def named(pattern: str) -> set[str]:
     """Return the matches of a pattern's group in all commands, at least one."""
-    found = {name for line in COMMANDS for name in re.findall(pattern, line)}
+    found = set()
+    for line in COMMANDS:
+        found.update(re.findall(pattern, line))
     assert found, pattern
     return found
 
 
 def test_commands_name_topics_and_services_with_their_types():
-    known = {
-        f'/{one.name.lstrip("/")}': f'{one.type.__module__.split(".")[0]}/{one.type.__name__}'
-        for one in vars(topics).values()
-        if isinstance(one, (topics.Topic, topics.Service))
-    }
+    known = {}
+    for one in vars(topics).values():
+        if isinstance(one, (topics.Topic, topics.Service)):
+            known[f'/{one.name.lstrip("/")}'] = (
+                f'{one.type.__module__.split(".")[0]}/{one.type.__name__}'
+            )
     told = named(r'ros2 (?:topic pub|service call) (?:--\w+ \d+ )*(/\S+ +[\w/]+)')
     for command in told:
         name, kind = command.split()
@@ -90,7 +93,9 @@ def test_commands_name_topics_and_services_with_their_types():
 
 
 def test_executables_in_commands_are_documented():
-    documented = {name for row in rows('executable') for name in names(row[0])}
+    documented = set()
+    for row in rows('executable'):
+        documented.update(names(row[0]))
     assert documented >= EXECUTABLES - {'compensator', 'ik_service'}
     assert documented | named(r'ros2 run facade_manipulator (\w+)') <= EXECUTABLES
 
@@ -148,11 +153,9 @@ def test_paper_page_shows_every_figure_of_the_study():
 
 def test_operation_page_explains_each_reason():
     package = Path(facade_manipulator.__file__).parent
-    rejections = {
-        reason
-        for path in package.rglob('*.py')
-        for reason in re.findall(r"InputError\(\s*'(\w+)'", path.read_text())
-    }
+    rejections = set()
+    for path in package.rglob('*.py'):
+        rejections.update(re.findall(r"InputError\(\s*'(\w+)'", path.read_text()))
     limits = {kind.reason for kind in LimitError.__subclasses__()}
     states = {state.value for state in ControllerState} - {'active'}
     modes = {mode.value for mode in CorrectionMode} - {'compensating'}

@@ -161,11 +161,10 @@ def test_extras_install_the_packages_that_messages_name():
 
 
 def test_every_executable_has_an_entry_point():
-    scripts = {
-        script.name
-        for script in entry_points(group='console_scripts')
-        if script.value.startswith('facade_manipulator.')
-    }
+    scripts = set()
+    for script in entry_points(group='console_scripts'):
+        if script.value.startswith('facade_manipulator.'):
+            scripts.add(script.name)
     assert scripts == {words[0] for words in RUNS}
     assert all(callable(getattr(executables, name)) for name in scripts)
 

@@ -140,11 +140,10 @@ def test_executable_runs_without_home_and_docstrings(
     'variables', [{'HOME': ''}, {'ROS_LOG_DIR': '/proc/log'}, {'ROS_LOG_DIR': '/proc'}]
 )
 def test_missing_log_folder_names_the_next_step(variables):
-    own = {
-        name: text
-        for name, text in os.environ.items()
-        if name not in ('ROS_HOME', 'ROS_LOG_DIR')
-    }
+    own = {}
+    for name, text in os.environ.items():
+        if name not in ('ROS_HOME', 'ROS_LOG_DIR'):
+            own[name] = text
     done = subprocess.run(
         [
             sys.executable,
@@ -161,19 +160,19 @@ def test_missing_log_folder_names_the_next_step(variables):
 
 
 def test_data_files_are_installed_below_share(keywords):
-    installed = {
-        name: place for place, names in keywords['data_files'] for name in names
-    }
+    installed = {}
+    for place, names in keywords['data_files']:
+        for name in names:
+            installed[name] = place
     assert (
         installed['resource/facade_manipulator']
         == 'share/ament_index/resource_index/packages'
     )
-    files = [
-        path.relative_to(TOP)
-        for folder in ('config', 'launch')
-        for path in (TOP / folder).rglob('*')
-        if path.is_file() and '__pycache__' not in path.parts
-    ]
+    files = []
+    for folder in ('config', 'launch'):
+        for path in (TOP / folder).rglob('*'):
+            if path.is_file() and '__pycache__' not in path.parts:
+                files.append(path.relative_to(TOP))
     assert files
     for file in files:
         assert installed[str(file)] == f'share/facade_manipulator/{file.parent}'

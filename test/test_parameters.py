@@ -171,7 +171,9 @@ def write_files(folder, texts):
 @pytest.mark.parametrize('texts', FILES)
 def test_tool_reads_parameter_files_as_rclpy_does(ros, tmp_path, texts):
     paths = write_files(tmp_path, texts)
-    arguments = [word for path in paths for word in ('--params-file', str(path))]
+    arguments = []
+    for path in paths:
+        arguments += ['--params-file', str(path)]
     namespace = 'gondola_1' if 'gondola_1' in ''.join(texts) else ''
     node = ros.node('driver', namespace=namespace, cli_args=['--ros-args', *arguments])
     expected = {name: one.value for name, one in node._parameter_overrides.items()}

@@ -119,11 +119,10 @@ def test_observer_may_read_everything_but_command_nothing(observer):
 
 
 def test_compensator_and_ik_service_share_an_enclave():
-    paths = {
-        one.get('node'): enclave.get('path')
-        for enclave in ROOT.iter('enclave')
-        for one in enclave.iter('profile')
-    }
+    paths = {}
+    for enclave in ROOT.iter('enclave'):
+        for one in enclave.iter('profile'):
+            paths[one.get('node')] = enclave.get('path')
     assert (
         paths.pop('compensator')
         == paths.pop('ik_service')

@@ -97,13 +97,12 @@ def test_recorder_requests_fast_topics_with_best_effort():
 def test_rviz_file_shows_published_topics_in_frame_rail():
     manager = read('manipulator.rviz')['Visualization Manager']
     assert manager['Global Options']['Fixed Frame'] == 'rail'
-    shown = {
-        topic['Value']: topic['Durability Policy']
-        for display in manager['Displays']
-        if display['Enabled']
-        for key, topic in display.items()
-        if key in ('Topic', 'Description Topic')
-    }
+    shown = {}
+    for display in manager['Displays']:
+        if display['Enabled']:
+            for key, topic in display.items():
+                if key in ('Topic', 'Description Topic'):
+                    shown[topic['Value']] = topic['Durability Policy']
     assert shown == {
         one.name: (
             'Transient Local' if isinstance(one, topics.LatchedTopic) else 'Volatile'

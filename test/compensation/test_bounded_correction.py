@@ -85,10 +85,9 @@ def test_axis_found_at_any_time_keeps_the_correction_bounded(
 @given(sequences, rates)
 def test_any_bounded_estimates_give_a_bounded_correction(sequence, rate):
     rest = math.ceil(REST * rate), Pose(0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3)
-    estimates = [
-        (pose, [one**2 for one in each])
-        for count, pose, each in (rest, *sequence)
-        for _ in range(count)
-    ]
+    estimates = []
+    for count, pose, each in (rest, *sequence):
+        for _ in range(count):
+            estimates.append((pose, [one**2 for one in each]))
     target(largest := abs(correct(estimates, rate, 0.3)).max())
     assert largest < LARGEST + MARGIN

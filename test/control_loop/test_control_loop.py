@@ -128,11 +128,10 @@ def test_node_lost_at_full_speed_ends_in_a_ramp(caplog, leave, errors):
     leave(rig)
     begin = rig.clock.now
     assert rig.serve(RAMP_TIME) and rig.clock.now < begin + RAMP_TIME
-    words = [
-        decode_rpdo1(frame.data).controlword
-        for frame in rig.frames()
-        if frame.cob_id == pdo.RPDO1.cob_id(1)
-    ]
+    words = []
+    for frame in rig.frames():
+        if frame.cob_id == pdo.RPDO1.cob_id(1):
+            words.append(decode_rpdo1(frame.data).controlword)
     assert (
         Controlword.QUICK_STOP not in words and words[-1] == Controlword.DISABLE_VOLTAGE
     )

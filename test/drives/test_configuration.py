@@ -217,13 +217,12 @@ def test_speed_below_one_unit_names_an_accepted_minimum(setting, share_of_unit):
 
 
 def test_only_unused_pdos_remain_disabled():
-    cob_ids = {
-        write.index: write.value
-        for write in drive_writes(
-            load_profile('generic_cia402'), DEFAULT_AXES[2], SETTINGS
-        )
-        if write.index & 0xFF00 in (0x1400, 0x1800) and write.subindex == 1
-    }
+    cob_ids = {}
+    for write in drive_writes(
+        load_profile('generic_cia402'), DEFAULT_AXES[2], SETTINGS
+    ):
+        if write.index & 0xFF00 in (0x1400, 0x1800) and write.subindex == 1:
+            cob_ids[write.index] = write.value
     assert len(cob_ids) == 8 and {
         index for index, one in cob_ids.items() if one & 1 << 31
     } == {one.communication_index for one in pdo.unused_pdos(pdo.PDO_MAP)}

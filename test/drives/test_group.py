@@ -86,7 +86,10 @@ class Drives:
         raise AssertionError(f'{self.group.state}, not {state}')
 
     def commands(self, since: int = -1) -> list:
-        return [command for cycle in self.history[since:] for command in cycle]
+        found = []
+        for cycle in self.history[since:]:
+            found += cycle
+        return found
 
 
 def is_enabling(command) -> bool:

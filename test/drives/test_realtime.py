@@ -57,11 +57,10 @@ class Memory:
 
 def test_default_settings_request_a_priority_below_interrupts(requests):
     assert request_realtime(ControllerSettings()) == []
-    priorities = {
-        details[2].sched_priority
-        for name, details in requests
-        if name == 'sched_setscheduler'
-    }
+    priorities = set()
+    for name, details in requests:
+        if name == 'sched_setscheduler':
+            priorities.add(details[2].sched_priority)
     assert priorities == {20} and NODE_PRIORITY < 20 < 50
 
 

@@ -143,11 +143,10 @@ def test_no_message_or_request_ends_a_node(ros, graph):
 
 
 def test_numpy_computes_without_threads_in_a_node():
-    own = {
-        name: text
-        for name, text in os.environ.items()
-        if name != 'OPENBLAS_NUM_THREADS'
-    }
+    own = {}
+    for name, text in os.environ.items():
+        if name != 'OPENBLAS_NUM_THREADS':
+            own[name] = text
     threads = subprocess.check_output(
         [
             sys.executable,

@@ -57,11 +57,10 @@ def test_only_states_and_commands_are_offered_after_publication(ros, name):
         lambda: durabilities(observer, observer.get_publishers_info_by_topic),
         'the publishers',
     )
-    wrong = {
-        topic: kinds
-        for topic, kinds in offered.items()
-        if kinds != {'TRANSIENT_LOCAL' if topic in LATCHED | COMMANDS else 'VOLATILE'}
-    }
+    wrong = {}
+    for topic, kinds in offered.items():
+        if kinds != {'TRANSIENT_LOCAL' if topic in LATCHED | COMMANDS else 'VOLATILE'}:
+            wrong[topic] = kinds
     assert not wrong
 
 
@@ -80,11 +79,10 @@ def test_only_states_are_requested_from_before_subscription(ros, make):
     )
     if node is not made:
         made.close()
-    wrong = {
-        topic: kinds
-        for topic, kinds in requested.items()
-        if topic not in LATCHED and kinds != {'VOLATILE'}
-    }
+    wrong = {}
+    for topic, kinds in requested.items():
+        if topic not in LATCHED and kinds != {'VOLATILE'}:
+            wrong[topic] = kinds
     assert not wrong
 
 

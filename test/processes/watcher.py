@@ -104,11 +104,10 @@ class Watcher:
 
     def pause(self, begin: float, end: float) -> float:
         """Return the duration for which this machine as a whole was paused [s]."""
-        pulses = [
-            frame.timestamp
-            for frame in self.of(PULSE)
-            if begin - PULSE_PERIOD <= frame.timestamp <= end + PULSE_PERIOD
-        ]
+        pulses = []
+        for frame in self.of(PULSE):
+            if begin - PULSE_PERIOD <= frame.timestamp <= end + PULSE_PERIOD:
+                pulses.append(frame.timestamp)
         steps = [
             after - before for before, after in zip(pulses, pulses[1:], strict=False)
         ]

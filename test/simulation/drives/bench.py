@@ -106,11 +106,11 @@ class Bench:
         return variable.decode_raw(bytes(answer[4 : 4 + size]))
 
     def emergencies(self):
-        return [
-            Emergency(*struct.unpack('<HB5s', data))
-            for cob_id, data in self.sent
-            if cob_id == 0x80 + NODE
-        ]
+        found = []
+        for cob_id, data in self.sent:
+            if cob_id == 0x80 + NODE:
+                found.append(Emergency(*struct.unpack('<HB5s', data)))
+        return found
 
     # --- the life of a drive
 
