@@ -245,7 +245,8 @@ def test_lost_request_is_repeated_only_if_harmless(client, machine, monkeypatch)
         lambda request: asked.append(request) or (lost.pop() if lost else ask(request)),
     )
     client.home(again=True)
-    assert len(asked) == 3 and machine.requests == ['driver/home']
+    assert len(asked) == 3
+    assert machine.requests == ['driver/home']
 
 
 def test_request_waits_while_the_driver_works(client, machine, unanswered):
@@ -320,7 +321,8 @@ def test_error_of_a_missed_goal_contains_its_progress(client, machine):
         client.go_to(GOAL, timeout=0.3)
     progress = caught.value.progress
     assert progress == client.progress
-    assert progress.state == 'moving' and progress.message == 'moving: reason'
+    assert progress.state == 'moving'
+    assert progress.message == 'moving: reason'
     assert (progress.distance, progress.angle) == pytest.approx((0.0125, math.pi))
 
 
@@ -378,7 +380,8 @@ def test_goal_is_stamped_when_a_compensator_subscribes(client, machine):
     client.answer_timeout = 0.1
     with pytest.raises(NoAnswerError, match='waiting for a compensator'):
         client.send_goal(GOAL)
-    assert client.goal is None and not machine.goals
+    assert client.goal is None
+    assert not machine.goals
 
 
 @pytest.mark.parametrize('reason', ['', 'y is above its limit'])

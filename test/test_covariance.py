@@ -23,7 +23,8 @@ def test_variance_from_zero_to_the_limit_is_measured(variance):
 
 @pytest.mark.parametrize('zero', [0.0, -0.0])
 def test_missing_variance_has_the_default_noise(zero):
-    assert is_measured(zero) and used_variance(zero, 0.002) == 0.002**2
+    assert is_measured(zero)
+    assert used_variance(zero, 0.002) == 0.002**2
 
 
 @given(st.floats(1e-300, 1.0))

@@ -86,7 +86,8 @@ def test_limit_error_has_value_limit_and_next_step(kind, parameter):
     assert str(error) == (
         f'q1 = 0.5 m is above the limit 0.4 m{source}; next: {kind.next_step}'
     )
-    assert kind.next_step and (error.value, error.bound, error.unit) == (0.5, 0.4, 'm')
+    assert kind.next_step
+    assert (error.value, error.bound, error.unit) == (0.5, 0.4, 'm')
 
 
 @pytest.mark.parametrize('reason', sorted(reasons() | {'stopped'}))
@@ -187,5 +188,6 @@ def test_joined_messages_have_one_next_step(messages, expected):
 @pytest.mark.parametrize('lateness', [0.0, -0.0, 1e-9, 4e-4, 6e-4, 0.05, 3.0])
 def test_order_is_explained_without_a_zero_duration(lateness):
     message = str(InputError.out_of_order('imu', lateness))
-    assert '0.000' not in message and '-' not in message
+    assert '0.000' not in message
+    assert '-' not in message
     assert ('stamp of' in message) == (lateness < 5e-4)

@@ -15,7 +15,8 @@ def test_interrupted_write_keeps_the_previous_file(tmp_path):
     with pytest.raises(KeyboardInterrupt), atomic_write(path) as draft:
         draft.write_text('half')
         raise KeyboardInterrupt
-    assert path.read_text() == 'before' and list(tmp_path.iterdir()) == [path]
+    assert path.read_text() == 'before'
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_file_that_is_a_mount_point_is_overwritten(tmp_path, monkeypatch):

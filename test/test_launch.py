@@ -219,7 +219,8 @@ def test_death_of_one_node_ends_all_nodes(launch, ros, victim):
     assert process.wait(DEADLINE) == 1
     assert not any(map(command, pids.values()))
     log = process.log.read_text()
-    assert f'{victim}-' in log and 'exit code -9' in log
+    assert f'{victim}-' in log
+    assert 'exit code -9' in log
     if victim != 'driver':
         assert re.search(r'\[driver-\d+\]: process has finished cleanly', log)
 
@@ -283,7 +284,8 @@ def test_ros2_bag_records_each_topic(launch, name, arguments):
     file = options[options.index('--qos-profile-overrides-path') + 1]
     overrides = yaml.safe_load(Path(file).read_text())
     assert overrides['/gondola_1/joint_states']['reliability'] == 'best_effort'
-    assert '/tf' in overrides and overrides.keys() <= names
+    assert '/tf' in overrides
+    assert overrides.keys() <= names
 
 
 @pytest.mark.parametrize('package', OPTIONAL)
@@ -329,7 +331,8 @@ def test_wrong_launch_argument_is_reported_and_starts_nothing(
     process = launch(*arguments.split())
     assert process.wait(DEADLINE) != 0
     log = process.log.read_text()
-    assert message in log and 'process started' not in log
+    assert message in log
+    assert 'process started' not in log
 
 
 def test_driver_without_can_interface_stays_unconfigured(launch, ros):

@@ -133,7 +133,8 @@ def test_executable_runs_without_home_and_docstrings(
             )
             process.send_signal(signal.SIGTERM)
         assert process.wait(60.0) == 0, log.read_text()
-    assert 'Traceback' not in log.read_text() and log.stat().st_size
+    assert 'Traceback' not in log.read_text()
+    assert log.stat().st_size
 
 
 @pytest.mark.parametrize(
@@ -156,7 +157,8 @@ def test_missing_log_folder_names_the_next_step(variables):
         text=True,
     )
     assert done.returncode == 2
-    assert 'could not start: ' in done.stderr and 'next: set ROS_LOG_DIR' in done.stderr
+    assert 'could not start: ' in done.stderr
+    assert 'next: set ROS_LOG_DIR' in done.stderr
 
 
 def test_data_files_are_installed_below_share(keywords):

@@ -134,7 +134,8 @@ def test_remote_frame_is_marked_in_its_cob_id(wire):
     bus, far = wire
     far.send(frame(REMOTE | 0x702))
     received = bus.receive(1.0)
-    assert received.cob_id == cob_ids.REMOTE_FRAME | 0x702 and not received.data
+    assert received.cob_id == cob_ids.REMOTE_FRAME | 0x702
+    assert not received.data
 
 
 @pytest.mark.parametrize(('is_rx', 'is_local'), [(True, False), (False, True)])
@@ -152,7 +153,8 @@ def test_receive_times_out_although_the_system_clock_is_set(request, monkeypatch
     bus, _ = request.getfixturevalue(bus)
     monkeypatch.setattr(can.bus, 'time', Mock(side_effect=range(0, -(10**6), -3600)))
     begin = time.monotonic()
-    assert bus.receive(0.05) is None and bus.receive(-1.0) is None
+    assert bus.receive(0.05) is None
+    assert bus.receive(-1.0) is None
     assert 0.05 <= time.monotonic() - begin < 0.5
 
 
@@ -211,14 +213,16 @@ def test_kernel_sends_sync_until_it_is_stopped(ends, pair, monkeypatch):
 
 def test_kernel_without_broadcast_manager_leaves_sync_to_the_loop(wire, monkeypatch):
     bus, far = wire
-    assert bus.has_kernel_sync and bus.sync_note == ''
+    assert bus.has_kernel_sync
+    assert bus.sync_note == ''
     monkeypatch.setattr(
         bus_module,
         'create_bcm_socket',
         Mock(side_effect=OSError(errno.EPROTONOSUPPORT, 'Protocol not supported')),
     )
     bus = CanBus(DatagramBus(far))
-    assert not bus.has_kernel_sync and 'modprobe can-bcm' in bus.sync_note
+    assert not bus.has_kernel_sync
+    assert 'modprobe can-bcm' in bus.sync_note
 
 
 # --- trouble
@@ -388,7 +392,8 @@ def test_interface_without_controller_details_is_missing_until_up(
         (tmp_path / 'ip').unlink()
     assert bus.missing()
     (tmp_path / 'can0/flags').write_text('0x81\n')
-    assert not bus.missing() and not BusSettings(interface='virtual').missing()
+    assert not bus.missing()
+    assert not BusSettings(interface='virtual').missing()
     check_link('can0', MEGABIT)
 
 

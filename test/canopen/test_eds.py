@@ -51,7 +51,8 @@ def test_incorrect_data_sheet_is_read_as_intended(tmp_path, encoding):
         0xFF,
         10,
     )
-    assert text.default == 'CAFE' and 0x2002 not in dictionary
+    assert text.default == 'CAFE'
+    assert 0x2002 not in dictionary
 
 
 @pytest.mark.parametrize(

@@ -58,8 +58,6 @@ def test_other_codes_keep_the_home_position(code):
 def test_code_in_profile_precedes_the_table():
     """FF02h is a watchdog for maxon and a wrong bit for Technosoft (iPOS, emergency codes)."""
     own = {0xFF02: Fault('the watchdog has come')}
-    assert (
-        'watchdog' in fault(0xFF02, own).message
-        and 'watchdog' not in fault(0xFF02, {}).message
-    )
+    assert 'watchdog' in fault(0xFF02, own).message
+    assert 'watchdog' not in fault(0xFF02, {}).message
     assert fault(0x7305, own).loses_position

@@ -80,7 +80,8 @@ def test_abort_is_raised_with_its_code_at_once():
         r'not exist \(abort 0602 0000h\)',
     ) as caught:
         drive.read()
-    assert caught.value.is_absent and len(drive.requests) == 1
+    assert caught.value.is_absent
+    assert len(drive.requests) == 1
 
 
 @pytest.mark.parametrize(
@@ -131,7 +132,8 @@ def test_unexpected_answers_do_not_accumulate():
     drive = ScriptedDrive(lambda data: (VALUE,) * 200)
     drive.feed(*[VALUE] * 200)
     assert drive.read() == 17280
-    assert drive.waits == 0 and len(drive.requests) == 1
+    assert drive.waits == 0
+    assert len(drive.requests) == 1
 
 
 def test_endless_segments_time_out():

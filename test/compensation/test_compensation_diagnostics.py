@@ -49,7 +49,8 @@ def test_level_follows_mode_and_held_back_axes(compensator, mode, level, held):
     assert correction_outcome(compensator, 100.0, '') == (level, text + step)
     compensator.held_back.note(100.0, ZERO_POSE, Pose(0.0, 0.01, 0.0))
     found, message = correction_outcome(compensator, 100.0, '')
-    assert found == held and message.startswith(f'{text}; held back in y ')
+    assert found == held
+    assert message.startswith(f'{text}; held back in y ')
     assert correction_outcome(compensator, 100.0, 'a fault') == (
         'error',
         f'{text}; a fault{step}',
@@ -117,7 +118,8 @@ def test_contact_values_have_the_unit_of_their_key(compensator):
         'zero of the force [N]': -0.5,
         'moment on the wall [N m]': 0.3,
     }
-    assert level == 'ok' and values | expected == values
+    assert level == 'ok'
+    assert values | expected == values
     for reason, expected_level in ((MEASURING_ZERO, 'ok'), ('a fault', 'error')):
         pressing.reason = reason
         assert contact_components(compensator)[0][1:3] == (

@@ -206,15 +206,14 @@ def test_unknown_axis_fades_out_and_in_without_the_others(settled, lost):
     run = deepcopy(settled)
     for _ in range(2):
         run.go(6.0, known=known)
-        assert (
-            run.correction.usable == known
-            and run.correction.mode is CorrectionMode.ACTIVE
-        )
+        assert run.correction.usable == known
+        assert run.correction.mode is CorrectionMode.ACTIVE
         assert run.last.position[lost] == pytest.approx(0.0, abs=1e-4)
         assert run.last.velocity[lost] == pytest.approx(0.0, abs=1e-4)
         assert (np.delete(abs(run.error()), lost) < 5e-3).all()
         run.go(6.0)
-        assert run.correction.usable == ALL_KNOWN and (abs(run.error()) < 5e-3).all()
+        assert run.correction.usable == ALL_KNOWN
+        assert (abs(run.error()) < 5e-3).all()
     run.assert_no_step()
 
 

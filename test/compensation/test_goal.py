@@ -145,9 +145,8 @@ def test_reached_goal_is_reported_in_each_of_its_states(machine):
     assert states(machine.sent) == ['accepted', 'moving', 'reached']
     assert {one['goal stamp'] for one in machine.sent} == {'1.0'}
     to_go = [one['time to go [s]'] for one in sent]
-    assert (
-        all(a > b for a, b in zip(to_go, to_go[1:], strict=False)) and to_go[-1] == 0.0
-    )
+    assert all(a > b for a, b in zip(to_go, to_go[1:], strict=False))
+    assert to_go[-1] == 0.0
     assert to_go[0] == pytest.approx(
         GoalTracker.GOAL_PERIOD * (len(sent) - 1), abs=2.0 * GoalTracker.GOAL_PERIOD
     )
@@ -255,7 +254,8 @@ def test_held_back_head_is_reported_with_the_axis(machine):
         machine.head.now, *[Pose(0.0, 0.01, 0.0)] * 2
     )
     sent = machine.run(2.0)
-    assert states(sent) == ['held back', 'moving'] and 'in y' in sent[0]['reason']
+    assert states(sent) == ['held back', 'moving']
+    assert 'in y' in sent[0]['reason']
     assert sent[-1]['reason'] == ''
     now = machine.head.now - 50.0  # the clock is set back
     machine.goals.update(now)
@@ -282,7 +282,8 @@ def test_wall_beyond_the_range_is_reported_as_held_back(machine):
     assert pressing.mode is PressMode.SEARCHING
     last = machine.sent[-1]
     assert last['state'] == 'held back'
-    assert 'no wall within 10 mm' in last['reason'] and 'next: ' in last['reason']
+    assert 'no wall within 10 mm' in last['reason']
+    assert 'next: ' in last['reason']
     assert contact_components(machine.head.compensator)[0][1] == 'warn'
 
 
@@ -324,7 +325,8 @@ def test_uncorrected_goal_is_held_back_with_the_cause(motion, is_enabled, reason
     correction.enabled = is_enabled
     machine.head.variances = None if is_enabled else (0.0,) * 3
     sent = machine.run(2.0)
-    assert states(sent) == ['held back'] and {one['reason'] for one in sent} == {reason}
+    assert states(sent) == ['held back']
+    assert {one['reason'] for one in sent} == {reason}
     (warning,) = machine.warnings
     assert warning == f'goal held back: {sent[0]["reason"]}'
     # the place of the head on the wall is unknown without estimates

@@ -83,7 +83,8 @@ def test_axis_is_held_at_its_workspace_limit_and_returns():
     for output in run.outputs[::7]:
         Mechanism(Geometry()).certify(output.pose)
     errors = abs(np.array([output.saturation_error for output in run.outputs]))
-    assert errors[:, 0].max() > 1e-3 > errors[-1, 0] and errors[:, 1].max() == 0.0
+    assert errors[:, 0].max() > 1e-3 > errors[-1, 0]
+    assert errors[:, 1].max() == 0.0
     assert abs(np.diff(run.all('pose'), 2, axis=0)).max() < 1e-3
     assert run.on_wall.x == pytest.approx(0.0, abs=5e-3)
 
@@ -107,7 +108,8 @@ def test_path_restarts_at_a_head_that_does_not_follow(follows):
         assert run.last.pose == pytest.approx((0.1, 0.25, 0.0), abs=1e-9)
         return
     assert run.compensator.initialisations > 2
-    assert away.max() < 0.2 and away[200:].min() < 1e-6
+    assert away.max() < 0.2
+    assert away[200:].min() < 1e-6
 
 
 def test_goal_error_vanishes_under_a_constant_disturbance():
@@ -207,7 +209,8 @@ def test_contact_settings_change_without_a_jump():
     run.compensator.change('lateral', LateralSettings(enabled=True))
     run.run(2.0).compensator.change('contact', ContactSettings())
     y = run.run(2.0).all('pose')[:, 1]
-    assert y.min() == pytest.approx(GOAL.y - 0.05) and y[-1] == pytest.approx(GOAL.y)
+    assert y.min() == pytest.approx(GOAL.y - 0.05)
+    assert y[-1] == pytest.approx(GOAL.y)
     assert abs(np.diff(y)).max() <= 0.04 * PERIOD + 1e-9
 
 

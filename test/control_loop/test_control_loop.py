@@ -127,14 +127,14 @@ def test_node_lost_at_full_speed_ends_in_a_ramp(caplog, leave, errors):
     rig.frames()
     leave(rig)
     begin = rig.clock.now
-    assert rig.serve(RAMP_TIME) and rig.clock.now < begin + RAMP_TIME
+    assert rig.serve(RAMP_TIME)
+    assert rig.clock.now < begin + RAMP_TIME
     words = []
     for frame in rig.frames():
         if frame.cob_id == pdo.RPDO1.cob_id(1):
             words.append(decode_rpdo1(frame.data).controlword)
-    assert (
-        Controlword.QUICK_STOP not in words and words[-1] == Controlword.DISABLE_VOLTAGE
-    )
+    assert Controlword.QUICK_STOP not in words
+    assert words[-1] == Controlword.DISABLE_VOLTAGE
     assert (rig.state, rig.drive_states) == (ControllerState.CLOSED, OFF)
     assert caplog.text.count('the carriages ramp down and the power goes off') == errors
 
@@ -146,9 +146,11 @@ def test_node_that_hangs_after_a_stop_leaves_no_power():
     rig.say('stop', 'the control loop was paused')
     rig.serve(1.0)
     assert rig.snapshot.cause == 'the control loop was paused'
-    assert rig.state is ControllerState.STOPPED and rig.drive_states != OFF
+    assert rig.state is ControllerState.STOPPED
+    assert rig.drive_states != OFF
     hang(rig)
-    assert rig.serve() and rig.drive_states == OFF
+    assert rig.serve()
+    assert rig.drive_states == OFF
 
 
 @pytest.mark.parametrize('is_silent', [False, True])
@@ -164,7 +166,8 @@ def test_node_hanging_without_power_keeps_the_loop(caplog):
     configured(rig)
     hang(rig)
     assert not rig.serve(1.0)
-    assert rig.state is ControllerState.INACTIVE and not caplog.text
+    assert rig.state is ControllerState.INACTIVE
+    assert not caplog.text
 
 
 def test_invalid_messages_and_requests_keep_the_loop():
@@ -187,8 +190,10 @@ def test_invalid_messages_and_requests_keep_the_loop():
     assert not rig.serve(5.0)
     assert rig.follower._limiter.limits == limits
     failed, answered = rig.node.sent['reply']
-    assert failed[:2] == (3, False) and 'not configured' in failed[2]
-    assert answered[:2] == (7, True) and 'power: confirmed off' in answered[2]
+    assert failed[:2] == (3, False)
+    assert 'not configured' in failed[2]
+    assert answered[:2] == (7, True)
+    assert 'power: confirmed off' in answered[2]
 
 
 def delayed_stream(step):
@@ -238,7 +243,8 @@ def test_software_stop_shorter_than_a_cycle_stops_the_drives():
     rig.say('request', 1, 'clear_faults')
     rig.serve(2.0)
     ((_, succeeded, answer),) = rig.node.sent['reply']
-    assert succeeded and 'cleared (the red button is pressed)' in answer
+    assert succeeded
+    assert 'cleared (the red button is pressed)' in answer
     assert rig.drive_states == OFF
 
 

@@ -101,12 +101,15 @@ def test_silent_loop_is_ended_after_many_feeds(kind, bound):
             peer.channel.send(*state(1, kind))
         peer.node.feed()
         peer.taken()
-    assert not peer.process.kill.called and peer.node.snapshot().state is kind
+    assert not peer.process.kill.called
+    assert peer.node.snapshot().state is kind
     peer.node.feed()
     peer.node.feed()
-    assert peer.process.mock_calls == KILLED and job.done()
+    assert peer.process.mock_calls == KILLED
+    assert job.done()
     lost = peer.node.snapshot()
-    assert lost.state is ControllerState.LOST and lost.unhomed == ('q1', 'q2')
+    assert lost.state is ControllerState.LOST
+    assert lost.unhomed == ('q1', 'q2')
     assert (
         f'fed {bound + 1} times, above the limit {bound}, and was ended; the drives stop'
         in lost.cause
@@ -224,9 +227,8 @@ def test_close_returns_the_last_answer_of_the_loop():
     )
     assert [message[0] for message in peer.taken()] == ['request', 'feed', 'close']
     ((timeout,),) = peer.process.wait.call_args_list[0][:1]
-    assert not peer.process.kill.called and timeout == pytest.approx(
-        CLOSE_TIMEOUT, abs=1.0
-    )
+    assert not peer.process.kill.called
+    assert timeout == pytest.approx(CLOSE_TIMEOUT, abs=1.0)
     assert str(ask(peer.node, 'home').exception()) == 'the control loop is closed'
 
 
@@ -244,7 +246,8 @@ def test_close_feeds_the_loop_and_times_out(monkeypatch):
         '',
     )
     first, *feeds, last = [message[0] for message in peer.taken()]
-    assert (first, {*feeds}, last) == ('request', {'feed'}, 'close') and len(feeds) > 3
+    assert (first, {*feeds}, last) == ('request', {'feed'}, 'close')
+    assert len(feeds) > 3
     assert peer.process.mock_calls == KILLED
 
 

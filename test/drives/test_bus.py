@@ -62,7 +62,8 @@ def test_drives_behind_lost_bus_are_configured_and_homed_again(rig, meanwhile):
     meanwhile(rig.drives)
     rig.bus_error = None
     rig.run(2.0)
-    assert rig.state is ControllerState.BUS_LOST and rig.bus is None
+    assert rig.state is ControllerState.BUS_LOST
+    assert rig.bus is None
     assert rig.snapshot.unhomed == AXIS_NAMES
     for request in ('configure', 'home', 'activate', 'clear_faults'):
         assert (

@@ -69,7 +69,9 @@ def test_object_that_cannot_be_written_is_named(rig, spoil, key, words):
     spoil(rig.drives[1].objects, key)
     absent(rig.drives[1].objects, (0x6080, 0))
     message = rig.rejection('configure')
-    assert words in message and '6080h:00' in message and 'q1' not in message
+    assert words in message
+    assert '6080h:00' in message
+    assert 'q1' not in message
 
 
 def test_read_only_objects_with_their_values_are_accepted(rig):
@@ -223,9 +225,10 @@ def test_only_unused_pdos_remain_disabled():
     ):
         if write.index & 0xFF00 in (0x1400, 0x1800) and write.subindex == 1:
             cob_ids[write.index] = write.value
-    assert len(cob_ids) == 8 and {
-        index for index, one in cob_ids.items() if one & 1 << 31
-    } == {one.communication_index for one in pdo.unused_pdos(pdo.PDO_MAP)}
+    assert len(cob_ids) == 8
+    assert {index for index, one in cob_ids.items() if one & 1 << 31} == {
+        one.communication_index for one in pdo.unused_pdos(pdo.PDO_MAP)
+    }
 
 
 def controller(axes=DEFAULT_AXES) -> DriveController:
@@ -287,7 +290,8 @@ def test_units_gearing_and_polarity_match_the_profile(objects, words):
     axis = AxisSettings(pulses_per_revolution=500, velocity_unit='rpm')
     found = unit_conflicts(lambda *key: answer(objects.get(key)), axis)
     problems = result_of(found)
-    assert len(problems) == bool(words) and words in ''.join(problems)
+    assert len(problems) == bool(words)
+    assert words in ''.join(problems)
 
 
 AXIS = AxisSettings(node_id=2, vendor_id=0xFB, product_code=7, serial_number=222)

@@ -28,7 +28,8 @@ def requests_of(message: str) -> list[str]:
 
 def test_normal_sequence_from_configure_to_cleanup_succeeds(rig):
     answer = rig.request('configure')
-    assert 'power: confirmed off' in answer and requests_of(answer) == [
+    assert 'power: confirmed off' in answer
+    assert requests_of(answer) == [
         'home',
         'activate',
     ]
@@ -36,21 +37,23 @@ def test_normal_sequence_from_configure_to_cleanup_succeeds(rig):
         DriveStateError, match='q3 must be homed; .*next: home, activate'
     ):
         rig.request('activate')
-    assert rig.state is ControllerState.INACTIVE and rig.drive_states == OFF
+    assert rig.state is ControllerState.INACTIVE
+    assert rig.drive_states == OFF
     answer = rig.request('home')
     assert all(f'{name} is homed' in answer for name in AXIS_NAMES)
     assert requests_of(answer) == ['activate']
     rig.stream()
     answer = rig.request('activate')
-    assert 'follow' in answer and 'next' not in answer
+    assert 'follow' in answer
+    assert 'next' not in answer
     rig.until(lambda: rig.carriages[0] > HOME[0] + 0.02)
     axis = rig.snapshot.axes[0]
-    assert (
-        axis.state is State.OPERATION_ENABLED and axis.statusword & Status.DRIVE_FOLLOWS
-    )
+    assert axis.state is State.OPERATION_ENABLED
+    assert axis.statusword & Status.DRIVE_FOLLOWS
     assert (axis.homed, axis.serial_number, type(axis.force)) == (True, 1, float)
     answer = rig.request('deactivate')
-    assert 'power: confirmed off' in answer and rig.drive_states == OFF
+    assert 'power: confirmed off' in answer
+    assert rig.drive_states == OFF
     assert requests_of(answer) == ['activate']
     assert rig.snapshot.joints().positions == pytest.approx(rig.carriages, abs=1e-4)
     answer = rig.request('cleanup')
@@ -98,7 +101,8 @@ def test_halt_cancels_an_activation_or_homing(make_rig, request_, cycles, unhome
     assert is_homing or 'The activation is cancelled; power: confirmed off' in answer
     with pytest.raises(DriveStateError, match='cancelled by halt'):
         rig.finish(job)
-    assert rig.state is ControllerState.INACTIVE and rig.drive_states == OFF
+    assert rig.state is ControllerState.INACTIVE
+    assert rig.drive_states == OFF
     assert rig.snapshot.unhomed == unhomed
 
 
@@ -116,7 +120,8 @@ def test_halt_does_not_cancel_close(rig):
     job = rig.ask('close')
     assert 'halt is not possible while close is under way' in rig.rejection('halt')
     rig.finish(job)
-    assert rig.state is ControllerState.CLOSED and rig.drive_states == OFF
+    assert rig.state is ControllerState.CLOSED
+    assert rig.drive_states == OFF
 
 
 def test_rejected_requests_while_active_change_nothing(rig):

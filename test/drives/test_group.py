@@ -111,7 +111,8 @@ def halted() -> Drives:
     drives = running()
     drives.ask(Group.halt)
     drives.cycle(2)
-    assert drives.group.state is GroupState.HALTED and drives.group.is_settled
+    assert drives.group.state is GroupState.HALTED
+    assert drives.group.is_settled
     return drives
 
 
@@ -154,7 +155,8 @@ def test_no_drive_is_enabled_before_all_are_on():
 def test_carriages_that_do_not_rest_are_stopped():
     drives = ramping()
     drives.cycle(50)
-    assert drives.group.is_ramping and all(map(is_enabling, drives.commands()))
+    assert drives.group.is_ramping
+    assert all(map(is_enabling, drives.commands()))
     drives.until(GroupState.STOPPED)
     assert 'still moving' in drives.group.reason
 
@@ -167,7 +169,8 @@ def test_halt_is_accepted_and_ends_all_motion(situation):
     drives.cycle(50)
     is_held = situation in ('running', 'ramping', 'halted')
     assert drives.group.state is (GroupState.HALTED if is_held else GroupState.INACTIVE)
-    assert drives.group.is_settled and not drives.group.causes
+    assert drives.group.is_settled
+    assert not drives.group.causes
     assert drives.states == (ENABLED if is_held else OFF)
     assert not any(
         one.controlword & Controlword.HOMING_START for one in drives.commands()
@@ -232,7 +235,8 @@ def test_fault_of_one_drive_stops_all_at_once(situation, state):
     drives.cycle()
     assert drives.group.state is GroupState.STOPPED
     assert not any(map(is_enabling, drives.commands()))
-    assert drives.group.causes[0].axis == 'q2' and drives.group.causes[0].is_vague
+    assert drives.group.causes[0].axis == 'q2'
+    assert drives.group.causes[0].is_vague
     assert f'is in the state {state.value} (statusword 00' in drives.group.reason
 
 
@@ -261,7 +265,8 @@ def test_statusword_of_a_failure_stops_all(situation, state, bits, message):
     drives.states[0] = state
     drives.bits[0] = bits
     drives.cycle(7)
-    assert drives.group.is_stopped and message in drives.group.reason
+    assert drives.group.is_stopped
+    assert message in drives.group.reason
     assert not any(map(is_enabling, drives.commands()))
 
 
@@ -295,7 +300,8 @@ def test_power_is_cut_at_rest_or_after_timeout(ways, rests):
         assert drives.states == [State.QUICK_STOP_ACTIVE] * 3
     drives.at_rest = rests
     drives.cycle(10 if rests else 150)
-    assert drives.states == OFF and drives.group.state is GroupState.STOPPED
+    assert drives.states == OFF
+    assert drives.group.state is GroupState.STOPPED
     assert drives.group.is_settled
 
 
@@ -388,7 +394,8 @@ def test_reset_leads_every_stopped_drive_to_off(states):
     drives.history.clear()
     drives.ask(Group.reset)
     drives.cycle(100)
-    assert drives.group.state is GroupState.INACTIVE and not drives.group.causes
+    assert drives.group.state is GroupState.INACTIVE
+    assert not drives.group.causes
     assert drives.states == OFF
     words = [cycle[0].controlword for cycle in drives.history]
     assert words.count(Controlword.FAULT_RESET) == 1

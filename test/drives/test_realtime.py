@@ -61,7 +61,8 @@ def test_default_settings_request_a_priority_below_interrupts(requests):
     for name, details in requests:
         if name == 'sched_setscheduler':
             priorities.add(details[2].sched_priority)
-    assert priorities == {20} and NODE_PRIORITY < 20 < 50
+    assert priorities == {20}
+    assert NODE_PRIORITY < 20 < 50
 
 
 def test_priority_zero_requests_nothing(requests):
@@ -72,7 +73,8 @@ def test_priority_zero_requests_nothing(requests):
 def test_rejected_priority_names_the_required_permission(monkeypatch, requests):
     monkeypatch.setattr(os, 'sched_setscheduler', reject)
     (message,) = request_realtime(ControllerSettings(realtime_priority=45))
-    assert 'priority 45 is rejected: it needs' in message and 'rtprio' in message
+    assert 'priority 45 is rejected: it needs' in message
+    assert 'rtprio' in message
     assert 'Operation not permitted' in message
     assert 'mlockall' not in dict(requests)
 
@@ -85,7 +87,8 @@ def test_priority_without_a_watchdog_is_not_requested(monkeypatch, requests, rej
     module, name = rejected
     monkeypatch.setattr(module, name, fail)
     (message,) = request_realtime(ControllerSettings(realtime_priority=45))
-    assert 'priority 45 is rejected' in message and 'maximum limit' in message
+    assert 'priority 45 is rejected' in message
+    assert 'maximum limit' in message
     assert 'sched_setscheduler' not in dict(requests)
 
 
@@ -167,13 +170,14 @@ def test_replaced_garbage_collector_runs_only_on_request(monkeypatch):
     monkeypatch.setattr(gc, 'collect', lambda: collections.append(1))
     collect_garbage()
     freeze_objects()
-    assert (
-        gc.get_freeze_count() == frozen and not collections
-    )  # not in a process of others
+    # not in a process of others
+    assert gc.get_freeze_count() == frozen
+    assert not collections
     try:
         take_over_collector()
         freeze_objects()
-        assert not gc.isenabled() and gc.get_freeze_count() > frozen
+        assert not gc.isenabled()
+        assert gc.get_freeze_count() > frozen
         collect_garbage()
         assert len(collections) == 2
     finally:

@@ -33,7 +33,8 @@ def run(raw_sensors=True, spoil=lambda time, measurement: measurement):
 def test_raw_sensors_give_less_error_than_noisy_estimates():
     _, white = run(raw_sensors=False)
     loop, found = run()
-    assert loop.follower.brakes == 0 and loop.rejections == []
+    assert loop.follower.brakes == 0
+    assert loop.rejections == []
     assert (found < np.array((0.9, 0.7, 0.5)) * white).all()
 
 

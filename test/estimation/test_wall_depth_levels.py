@@ -51,21 +51,22 @@ def test_window_panes_are_outliers_without_a_level():
     measurements, events = decide(
         seen, np.where(random.random(500) < 0.5, random.uniform(0.3, 3.0, 500), 0.0)
     )
-    assert {one.level for one in measurements} == {0.0, OUTLIER} and not events
+    assert {one.level for one in measurements} == {0.0, OUTLIER}
+    assert not events
 
 
 def test_outliers_that_agree_near_a_level_increase_variance():
     measurements, (event,) = decide(channel(), [2e-3] * 40)
     found = next(one for one in measurements if one.spread)
     assert event == 'measurements agree with each other, 2.0 mm off the estimate'
-    assert found.level == OUTLIER and found.spread == pytest.approx(2e-3)
+    assert found.level == OUTLIER
+    assert found.spread == pytest.approx(2e-3)
 
 
 def test_configured_level_is_used_at_once_and_kept():
     seen = channel(-0.03)
-    assert decide(seen, [-0.03])[0][0].level == -0.03 and seen.counts == {
-        'other level': 1
-    }
+    assert decide(seen, [-0.03])[0][0].level == -0.03
+    assert seen.counts == {'other level': 1}
     for k in range(1, Channel.MOST):
         decide(seen, [0.1 * k] * 40, begin=k)
     offsets = [
@@ -120,7 +121,8 @@ def test_densest_cluster_between_panes_is_the_wall():
             np.where(through, wall + random.uniform(0.3, 3.0, 40), wall)
         ):
             first.add(k * PERIOD, value)
-        assert first.suffice(0.4) and not first.suffice(2.0)
+        assert first.suffice(0.4)
+        assert not first.suffice(2.0)
         assert first.densest() == pytest.approx(0.4525, abs=4e-3)
 
 

@@ -39,13 +39,15 @@ def test_certified_pose_respects_every_limit(x, y, theta, geometry):
     try:
         q1, q2, q3 = certify(geometry, pose)
     except LimitError as error:
-        assert (
-            error.quantity and math.isfinite(error.value) and math.isfinite(error.bound)
-        )
+        assert error.quantity
+        assert math.isfinite(error.value)
+        assert math.isfinite(error.bound)
         return
-    assert geometry.stroke[0] <= q1 and q2 <= geometry.stroke[1]
+    assert geometry.stroke[0] <= q1
+    assert q2 <= geometry.stroke[1]
     assert min(q3 - q1, q2 - q3) >= geometry.carriage_gap
-    assert y > 0.0 and parallel_singularity(geometry, pose) > 0.0
+    assert y > 0.0
+    assert parallel_singularity(geometry, pose) > 0.0
     assert local_conditioning_index(geometry, pose) >= MIN_CONDITIONING
 
 
@@ -136,7 +138,8 @@ def test_pose_on_another_assembly_branch_is_rejected(geometry, pose, quantity, u
         quantity,
         0.0,
         unit,
-    ) and error.value < 0.0
+    )
+    assert error.value < 0.0
     assert parallel_singularity(geometry, Pose(0.0, 0.10, 0.05)) > 0.0
 
 

@@ -101,10 +101,12 @@ def test_silent_or_forgotten_stream_brakes_and_resumes():
     assert set(run(made, 0.0, 0.5, stream=None)) == {HOME}
     for number, forget in enumerate((lambda: None, made.hold), start=1):
         run(made, number, number + 0.5)
-        assert made.activity is Activity.FOLLOWING and not made.at_rest
+        assert made.activity is Activity.FOLLOWING
+        assert not made.at_rest
         forget()
         silent = run(made, number + 0.5, number + 1.0, stream=None)
-        assert made.activity is Activity.HOLDING and made.at_rest
+        assert made.activity is Activity.HOLDING
+        assert made.at_rest
         assert made.brakes == number
         assert silent[-1] == pytest.approx(silent[-2], abs=0.0)
 
@@ -265,7 +267,8 @@ def test_motion_without_allowed_path_brakes_on_the_previous_one(monkeypatch):
     before = run(made, 0.0, 1.0)
     monkeypatch.setattr(made._limiter, 'stop', reject)
     commanded = run(made, 1.0, 2.0)
-    assert made.activity is Activity.HOLDING and made.brakes == 1
+    assert made.activity is Activity.HOLDING
+    assert made.brakes == 1
     assert made.last_brake == 'no path'
     require_limits(before + commanded, LIMITS, PERIOD)
 

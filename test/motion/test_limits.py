@@ -61,7 +61,8 @@ def test_targets_and_stops_keep_speed_acceleration_and_jerk(steps):
             velocity = 2.0 * np.array(push)
         motions.append(follow(limiter, motions[-1], target.tolist(), velocity.tolist()))
         stop = path_to_rest(limiter, motions[-1])
-        assert len(stop) < 100 and [*motions, *stop][-1].at_rest
+        assert len(stop) < 100
+        assert [*motions, *stop][-1].at_rest
         require_limits(positions_of([*motions[-4:], *stop]), LIMITS, PERIOD, 1e-6)
 
 

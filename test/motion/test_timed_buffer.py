@@ -28,7 +28,8 @@ def test_buffered_values_are_found_by_time(times, time):
     assert buffer.newest(99) == tuple(kept)
     assert buffer.around(time) == (items[index], items[index + 1])
     buffer.clear()
-    assert buffer.newest() == () and buffer.around(time) == (None, None)
+    assert buffer.newest() == ()
+    assert buffer.around(time) == (None, None)
 
 
 def test_value_between_two_is_interpolated_linearly():
@@ -36,7 +37,8 @@ def test_value_between_two_is_interpolated_linearly():
     buffer.append(1.0, 10.0)
     buffer.append(2.0, 20.0)
     assert buffer.interpolated(1.25) == pytest.approx(12.5)
-    assert buffer.interpolated(0.9) is None and buffer.interpolated(2.0) is None
+    assert buffer.interpolated(0.9) is None
+    assert buffer.interpolated(2.0) is None
 
 
 def test_value_is_interpolated_by_the_given_function():

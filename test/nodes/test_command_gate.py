@@ -90,7 +90,8 @@ def test_commands_pass_without_a_driver_after_a_delay(bench):
     bench.wait(2 * GATE_PERIOD)
     late = bench.offer()
     assert bench.followed == [early, late]
-    assert bench.rejected == [] and bench.ends == []
+    assert bench.rejected == []
+    assert bench.ends == []
 
 
 def test_late_first_callback_does_not_open_the_gate(bench):
@@ -99,7 +100,8 @@ def test_late_first_callback_does_not_open_the_gate(bench):
     bench.offer()
     bench.report('inactive')
     bench.wait(2 * CommandGate.STATUS_TIMEOUT)
-    assert bench.followed == [] and len(bench.rejected) == 1
+    assert bench.followed == []
+    assert len(bench.rejected) == 1
 
 
 @pytest.mark.parametrize('since', [START - 1.0, START + 1.0])
@@ -116,7 +118,8 @@ def test_invalid_first_status_closes_the_gate(bench):
     command = bench.offer()
     bench.gate.receive_invalid()
     bench.wait(2 * CommandGate.STATUS_TIMEOUT)
-    assert bench.followed == [] and bench.rejected == [command]
+    assert bench.followed == []
+    assert bench.rejected == [command]
 
 
 def test_command_between_activation_and_its_status_is_followed(bench):
@@ -127,7 +130,8 @@ def test_command_between_activation_and_its_status_is_followed(bench):
     command = bench.offer()
     bench.wait(CommandGate.STATUS_TIMEOUT / 2)
     bench.report('active', since)
-    assert bench.followed == [command] and bench.rejected == []
+    assert bench.followed == [command]
+    assert bench.rejected == []
 
 
 def test_command_before_the_activation_is_rejected_at_once(bench):
@@ -135,7 +139,8 @@ def test_command_before_the_activation_is_rejected_at_once(bench):
     command = bench.offer()
     bench.now += 0.1
     bench.report('active', bench.now)
-    assert bench.followed == [] and bench.rejected == [command]
+    assert bench.followed == []
+    assert bench.rejected == [command]
     assert bench.reasons == [
         'it was sent before the drives were activated; next: send the pose again'
     ]
@@ -165,14 +170,16 @@ def test_newer_command_replaces_the_held_command(bench):
 def test_command_during_silence_is_rejected_at_once(active):
     active.wait(DRIVER_SILENCE + 2 * GATE_PERIOD)
     command = active.offer()
-    assert active.rejected == [command] and active.followed == []
+    assert active.rejected == [command]
+    assert active.followed == []
     assert active.reasons[0].startswith('the driver is silent; next: check whether')
 
 
 def test_silence_ends_the_followed_commands_once(active):
     active.offer()
     active.wait(2 * DRIVER_SILENCE)
-    assert len(active.ends) == 1 and not active.gate.has_passed
+    assert len(active.ends) == 1
+    assert not active.gate.has_passed
 
 
 def test_driver_that_returns_follows_no_earlier_command(active):
@@ -182,7 +189,8 @@ def test_driver_that_returns_follows_no_earlier_command(active):
     active.followed.clear()
     active.report('active', since)
     active.wait(CommandGate.STATUS_TIMEOUT)
-    assert active.followed == [] and not active.gate.has_passed
+    assert active.followed == []
+    assert not active.gate.has_passed
     newer = active.offer()
     assert active.followed == [newer]
 
@@ -202,7 +210,8 @@ def test_set_system_clock_lets_no_earlier_command_pass(bench, step):
     bench.now += 0.1
     bench.report('active', bench.now, step)
     later = bench.offer()
-    assert bench.rejected == [earlier] and bench.followed == [later]
+    assert bench.rejected == [earlier]
+    assert bench.followed == [later]
 
 
 def test_status_that_repeats_the_activation_ends_nothing(active):
@@ -217,7 +226,8 @@ def test_status_that_repeats_the_activation_ends_nothing(active):
 def test_error_of_a_passing_command_is_its_answer(active):
     active.error = InputError('publishers', 'joint_states has 2 publishers')
     command = active.offer()
-    assert active.rejected == [command] and not active.gate.has_passed
+    assert active.rejected == [command]
+    assert not active.gate.has_passed
     assert active.reasons[0].startswith('joint_states has 2 publishers')
 
 

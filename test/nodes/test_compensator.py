@@ -133,7 +133,8 @@ def test_goal_is_corrected_until_disabled_silent_or_tared(neighbours):
     neighbours.until_pose(GOAL, 'the corrected goal', disturbance=DISTURBANCE)
     message = neighbours.corrected[-1]
     reference = neighbours.references[-1]
-    assert message.header.frame_id == 'rail' and reference.header.frame_id == 'facade'
+    assert message.header.frame_id == 'rail'
+    assert reference.header.frame_id == 'facade'
     assert seconds(message.header.stamp) - neighbours.now() < 0.07
     assert reference.header.stamp in [one.header.stamp for one in neighbours.corrected]
     neighbours.compensation.following.lag = 0.04
@@ -156,7 +157,8 @@ def test_goal_is_corrected_until_disabled_silent_or_tared(neighbours):
         (True, 'in', DISTURBANCE),
     ):
         reply = neighbours.call(topics.ENABLE, SetBool.Request(data=is_enabled))
-        assert reply.success and f'fades {direction}' in reply.message
+        assert reply.success
+        assert f'fades {direction}' in reply.message
         neighbours.until_pose(
             GOAL, f'the correction to fade {direction}', disturbance=left
         )
@@ -166,7 +168,8 @@ def test_goal_is_corrected_until_disabled_silent_or_tared(neighbours):
     timer.reset()
     neighbours.until_pose(GOAL, 'the correction again', disturbance=DISTURBANCE)
     reply = neighbours.call(topics.TARE)
-    assert reply.success and 'x +50.0 mm' in reply.message
+    assert reply.success
+    assert 'x +50.0 mm' in reply.message
     neighbours.until_pose(GOAL, 'the goal at the new place')
 
 
@@ -197,10 +200,8 @@ def test_bad_goal_is_rejected_with_value_and_bound(following):
         following.send_goal(pose, *more)
         assert message in following.until_rejected(reason)
         assert 'rejected: ' in following.until_goal_status(message).message
-        assert (
-            following.rejection_count() == count + 1
-            and following.pose() == pytest.approx(GOAL)
-        )
+        assert following.rejection_count() == count + 1
+        assert following.pose() == pytest.approx(GOAL)
 
 
 def test_goal_status_before_the_first_goal_is_none(neighbours):
@@ -263,7 +264,8 @@ def test_second_driver_is_named_as_the_cause_of_silence(ros, neighbours):
     neighbours.until_goal_status(
         'driver/status has 2 publishers (/second, /tester), above the limit 1; next: end one'
     )
-    assert neighbours.rejection_count() == 1 and second.get_subscription_count() == 1
+    assert neighbours.rejection_count() == 1
+    assert second.get_subscription_count() == 1
 
 
 def test_two_drivers_from_the_start_move_nothing(ros, neighbours):
@@ -374,7 +376,8 @@ def test_goal_gets_one_answer_for_any_order_of_events(ros, monkeypatch):
             first = states[0]
             assert first in ('accepted', 'rejected', 'superseded')
             if first == 'accepted':
-                assert states.count('accepted') == 1 and 'rejected' not in states
+                assert states.count('accepted') == 1
+                assert 'rejected' not in states
             else:
                 assert {*states} == {first}
 
@@ -436,7 +439,8 @@ def test_goal_before_or_during_driver_silence_moves_nothing(neighbours, during):
     neighbours.publish_driver('active', since=since)
     neighbours.ros.until(lambda: gate.status is SILENT, 'another silence')
     # one message was still in the middleware
-    assert len(neighbours.corrected) <= 1 and not neighbours.statuses
+    assert len(neighbours.corrected) <= 1
+    assert not neighbours.statuses
     neighbours.publish_driver('active', since=since)
     neighbours.send_goal()
     neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
@@ -444,9 +448,8 @@ def test_goal_before_or_during_driver_silence_moves_nothing(neighbours, during):
 
 def test_hold_ends_the_goal_and_reports_no_other(following):
     reply = following.call(topics.HOLD)
-    assert reply.success and reply.message == (
-        f'the head stays on the wall at {millimetres(GOAL)}'
-    )
+    assert reply.success
+    assert reply.message == (f'the head stays on the wall at {millimetres(GOAL)}')
     following.until_goal_status('ended: compensator/hold was called')
     following.statuses.clear()
     following.publish_driver('active', since=0.0)

@@ -90,7 +90,8 @@ def test_raw_sensors_give_odometry_with_covariance(sensors, capfd):
     assert 1.0 < float(sensors.value('sensor range_1', 'rate [Hz]')) < 2.0 / PERIOD
     events = sensors.events()
     log = capfd.readouterr().err
-    assert events and all(log.count(text) == events.count(text) for text in events)
+    assert events
+    assert all(log.count(text) == events.count(text) for text in events)
     sensors.timer.cancel()
     sensors.until_status('motion', 'the acceleration is not measured', 'warn')
 

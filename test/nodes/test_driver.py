@@ -138,10 +138,12 @@ def test_driver_status_publishes_each_state_and_next_step(bench, capfd):
     bench.ros.until(
         lambda: bench.statuses[-1].level == DiagnosticStatus.ERROR, 'the error'
     )
-    assert 'q2' in bench.statuses[-1].message and 'q2' in bench.message()
+    assert 'q2' in bench.statuses[-1].message
+    assert 'q2' in bench.message()
     next_step = bench.values()['next step']
     assert bench.values()['drive faults'] == '1'
-    assert next_step and capfd.readouterr().err.count(f'; next: {next_step}\n') == 1
+    assert next_step
+    assert capfd.readouterr().err.count(f'; next: {next_step}\n') == 1
 
 
 def test_driver_status_is_the_component_operation(bench):
@@ -161,7 +163,8 @@ def test_driver_status_is_the_component_operation(bench):
 def test_early_request_is_rejected_with_the_next_step(bench, capfd):
     for _ in range(3):
         reply = bench.call(topics.HOME)
-        assert not reply.success and 'next: configure, home, activate' in reply.message
+        assert not reply.success
+        assert 'next: configure, home, activate' in reply.message
     assert capfd.readouterr().err.count('home is not possible') == 1
     for transition in (
         Transition.TRANSITION_ACTIVATE,
@@ -176,7 +179,8 @@ def test_early_request_is_rejected_with_the_next_step(bench, capfd):
     assert bench.states == []  # not homed, so the positions are unknown
     assert not bench.change('activate')
     failure = bench.statuses[-1].message
-    assert 'activate failed: ' in failure and 'must be homed' in failure
+    assert 'activate failed: ' in failure
+    assert 'must be homed' in failure
     bench.call(topics.HOME)
     bench.ros.until(lambda: bench.states, 'joint_states')
     bench.send([q + 0.01 for q in HOME])
@@ -188,7 +192,8 @@ def test_early_request_is_rejected_with_the_next_step(bench, capfd):
 
 def test_self_test_reports_drives_and_bus(bench):
     early = bench.call(topics.SELF_TEST)
-    assert early.passed == b'\x00' and 'not configured' in early.status[0].message
+    assert early.passed == b'\x00'
+    assert 'not configured' in early.status[0].message
     bench.change('configure')
     reply = bench.call(topics.SELF_TEST)
     assert [status.name for status in reply.status] == ['q1', 'q2', 'q3', 'bus']
@@ -242,7 +247,8 @@ def test_node_ends_while_configure_restarts_the_loop(bench, is_released):
 
 def test_live_limits_with_which_carriages_touch_are_rejected(bench):
     result = bench.tested.set_parameters([Parameter('limits.speed', value=5.0)])[0]
-    assert not result.successful and 'axes.max_speed' in result.reason
+    assert not result.successful
+    assert 'axes.max_speed' in result.reason
     assert bench.loop._setup.limits.speed < 5.0
 
 
@@ -281,7 +287,8 @@ def test_halt_is_answered_within_100_ms_during_configure(ros):
         reply = halt.call_async(Trigger.Request())
         ros.until(reply.done, 'the answer')
         elapsed = time.monotonic() - begin
-        assert not reply.result().success and 'configur' in reply.result().message
+        assert not reply.result().success
+        assert 'configur' in reply.result().message
         assert not bench.change(number=Transition.TRANSITION_CALLBACK_SUCCESS)
         assert bench.call(topics.GET_STATE).current_state.label == 'configuring'
         assert not configure.done()
@@ -289,7 +296,8 @@ def test_halt_is_answered_within_100_ms_during_configure(ros):
         bench.node, GetAvailableTransitions, 'driver/get_available_transitions'
     ).available_transitions
     ros.until(configure.done, 'the end of configure')
-    assert not configure.result().success and bench.tested.state_label == 'unconfigured'
+    assert not configure.result().success
+    assert bench.tested.state_label == 'unconfigured'
     assert "(python-can's bus within one process" in bench.message()
 
 

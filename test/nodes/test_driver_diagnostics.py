@@ -213,8 +213,10 @@ def test_warning_leaves_the_next_step_of_each_state(state, failure, share):
     snapshot = ControllerSnapshot(state, 1.0, (), (), 'do this', **late(share, 50))
     found = outcome_of(snapshot, problems=NodeProblems(failure))
     text, _, steps = found.message.partition('; next: ')
-    assert text.startswith(state.value) and steps.startswith('do this')
-    assert failure.partition(';')[0] in text and 'next: ' not in steps
+    assert text.startswith(state.value)
+    assert steps.startswith('do this')
+    assert failure.partition(';')[0] in text
+    assert 'next: ' not in steps
     assert (SLOW in steps) == ('late' in text) == bool(share)
     assert found.level != 'ok' or not (failure or share)
 
@@ -240,7 +242,8 @@ def test_warning_leaves_the_next_step_of_each_state(state, failure, share):
 def test_drive_component_has_the_level_of_its_state(change, level, message):
     axis = AxisSnapshot('q2', 2, 0x0637, 0.25, -0.1, homed=True)._replace(**change)
     status = axis_status(axis)
-    assert status_level(status) == level and message in status.message
+    assert status_level(status) == level
+    assert message in status.message
     values = status_values(status)
     assert (values['position [m]'], values['velocity [m/s]']) == ('0.25', '-0.1')
     assert values['statusword'] == (

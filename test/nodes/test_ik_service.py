@@ -108,7 +108,8 @@ def test_single_pose_is_approached_from_the_head(bench):
     )
     times = [seconds(item.header.stamp) for item in bench.setpoints]
     q3 = [item.position[2] for item in bench.setpoints]
-    assert times == sorted(times) and times[0] >= begin + PoseFollower.APPROACH_LEAD
+    assert times == sorted(times)
+    assert times[0] >= begin + PoseFollower.APPROACH_LEAD
     assert (q3[0], q3[-1]) == pytest.approx((start.x, MIDDLE.x), abs=1e-3)
     assert (
         max(
@@ -229,7 +230,8 @@ def test_rejected_solve_has_an_empty_plan_and_a_reason(bench):
         rejection = bench.rejected_requests.pop()
         assert message in rejection.message
     values = status_values(rejection)
-    assert values.pop('quantity') and values == {
+    assert values.pop('quantity')
+    assert values == {
         'goal stamp': '12.250000000',
         'reason': 'unreachable',
         'value': '0.4',
@@ -300,7 +302,8 @@ def test_pose_during_driver_silence_moves_nothing(bench):
     bench.until(lambda: bench.gate.status is SILENT, 'silence')
     bench.tested._receive_corrected_pose(rail(MIDDLE))
     bench.publish_driver('active', since=since)
-    assert not bench.is_approaching and not bench.setpoints
+    assert not bench.is_approaching
+    assert not bench.setpoints
     bench.send(MIDDLE)
     bench.until(lambda: bench.setpoints, 'a setpoint for a new pose')
 

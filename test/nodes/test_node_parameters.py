@@ -112,7 +112,9 @@ def test_unknown_or_ineffective_parameter_is_rejected_with_nearest_name(
     try:
         reject_unknown_parameters([driver, ik_service], args)
     except ParameterError as error:
-        assert message and 'log: ' not in message and message in str(error)
+        assert message
+        assert 'log: ' not in message
+        assert message in str(error)
     else:
         assert re.search(message.removeprefix('log: '), capfd.readouterr().err)
 
@@ -229,7 +231,8 @@ def test_wrong_parameter_ends_start_with_status_2(
 def test_live_limit_is_described_checked_and_applied(ros, capfd):
     driver = ros.add(NODES['driver']())
     descriptor = driver.describe_parameter('limits.speed')
-    assert descriptor.description.endswith(' [m/s]') and not descriptor.read_only
+    assert descriptor.description.endswith(' [m/s]')
+    assert not descriptor.read_only
     assert descriptor.additional_constraints == '0.001 to 5 m/s'
     for name, value, message in (
         (
@@ -243,7 +246,8 @@ def test_live_limit_is_described_checked_and_applied(ros, capfd):
     ):
         before = driver.get_parameter(name).value
         (result,) = driver.set_parameters([Parameter(name, value=value)])
-        assert not result.successful and message in result.reason
+        assert not result.successful
+        assert message in result.reason
         assert driver.get_parameter(name).value == before
     changes = {'limits.speed': 0.1, 'limits.acceleration': 0.2}
     assert driver.set_parameters_atomically(

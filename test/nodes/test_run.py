@@ -89,9 +89,11 @@ def test_signal_closes_an_idle_node_while_ros_runs(executor, capfd, number):
     Timer(0.3, end_process, [number]).start()
     begin = time.monotonic()
     assert run.run(make_nodes, []) == 0
-    assert closed == [True] and time.monotonic() - begin < 5.0
+    assert closed == [True]
+    assert time.monotonic() - begin < 5.0
     log = capfd.readouterr().err
-    assert '[ending]: ready' in log and 'ended' not in log
+    assert '[ending]: ready' in log
+    assert 'ended' not in log
 
 
 def test_second_signal_ends_a_node_that_cannot_keep_up(executor, ros_domain):
@@ -117,7 +119,8 @@ def test_second_signal_ends_a_node_that_cannot_keep_up(executor, ros_domain):
     begin = time.monotonic()
     try:
         assert run.run(make_nodes, []) == 0
-        assert closed == [True] and time.monotonic() - begin < 8.0
+        assert closed == [True]
+        assert time.monotonic() - begin < 8.0
         time.sleep(max(0.0, begin + 3.2 - time.monotonic()))  # the last signal
     finally:
         has_ended.set()
@@ -175,7 +178,8 @@ def test_exception_is_counted_by_the_called_node_alone(executor):
         return nodes
 
     assert run.run(make_nodes, []) == 0
-    assert exceptions_of([*callers, *called]) == [0, 2] and len(handled) == 2
+    assert exceptions_of([*callers, *called]) == [0, 2]
+    assert len(handled) == 2
 
 
 @pytest.mark.parametrize('callback', ['message', 'service', 'managed service', 'event'])
@@ -288,7 +292,8 @@ def test_arguments_of_another_program_are_rejected(
     with pytest.raises(SystemExit) as end:
         run.run(pytest.fail, arguments)
     captured = capfd.readouterr()
-    assert end.value.code == status and text in captured.out + captured.err
+    assert end.value.code == status
+    assert text in captured.out + captured.err
 
 
 @pytest.mark.parametrize(
@@ -338,7 +343,8 @@ def test_simulated_time_is_rejected_as_a_live_change(executor):
 
     make_nodes, nodes = node_with(set_time)
     assert run.run(make_nodes, []) == 0
-    assert not nodes[0].result.successful and 'read-only' in nodes[0].result.reason
+    assert not nodes[0].result.successful
+    assert 'read-only' in nodes[0].result.reason
 
 
 def test_messages_before_the_executor_started_are_processed(ros):

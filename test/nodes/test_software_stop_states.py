@@ -79,7 +79,8 @@ class Bench(DriverBench):
                 lambda: self.loop.snapshot().power == 'confirmed off',
                 'the power off',
             )
-            assert self.rejection('home') and self.rejection('activate')
+            assert self.rejection('home')
+            assert self.rejection('activate')
 
 
 @pytest.fixture

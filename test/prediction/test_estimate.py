@@ -123,7 +123,8 @@ def test_lasting_jump_is_accepted_after_a_possible_time():
             checked.check(stamp, stamp, Pose(0.2, 0.0, 0.0))
             accepted.append(stamp)
         except InputError as error:
-            assert error.reason == 'jump' and not accepted
+            assert error.reason == 'jump'
+            assert not accepted
     assert accepted[0] == pytest.approx(NOW + 0.18)
 
 
@@ -140,7 +141,8 @@ def test_axis_known_again_may_be_anywhere():
             (False, True, True),
         )
     found = checked.check(NOW + 0.04, NOW + 0.04, Pose(-0.06, 0.012, 0.0), NOISE)
-    assert found.known == ALL_KNOWN and found.pose.x == -0.06
+    assert found.known == ALL_KNOWN
+    assert found.pose.x == -0.06
     with pytest.raises(InputError, match='disturbance y jumps'):
         checked.check(NOW + 0.05, NOW + 0.05, Pose(0.4, 0.1, 0.0), LOST)
 

@@ -59,7 +59,8 @@ def test_large_jump_is_found_at_once(seed, size, sign):
 def test_push_of_any_strength_is_not_a_step(seed, acceleration):
     push = 0.5 * acceleration * (PERIOD * np.arange(1, 26)) ** 2
     found = Detected(seed).add(push, is_followed=False)
-    assert JumpDecision.STEP not in found.decisions and not found.is_wrong[-1]
+    assert JumpDecision.STEP not in found.decisions
+    assert not found.is_wrong[-1]
 
 
 @given(seeds, st.floats(50.0, 100.0), signs)
@@ -76,13 +77,15 @@ def test_error_beyond_any_push_is_wrong_in_any_shape(shape, seed, size, sign):
 @given(seeds, st.floats(0.4, 0.8))
 def test_lasting_motion_is_accepted(seed, speed):
     found = Detected(seed).add(speed * PERIOD * np.arange(1, 40), is_followed=False)
-    assert any(found.is_wrong) and not any(found.is_wrong[14:])
+    assert any(found.is_wrong)
+    assert not any(found.is_wrong[14:])
     assert JumpDecision.STEP not in found.decisions
 
 
 def test_noise_rarely_counts_as_wrong():
     found = Detected().add(5000 * [0.0], noise=1.0)
-    assert sum(found.is_wrong) < 10 and JumpDecision.STEP not in found.decisions
+    assert sum(found.is_wrong) < 10
+    assert JumpDecision.STEP not in found.decisions
 
 
 @given(seeds, st.floats(8.0, 100.0), st.integers(4, 10))
@@ -90,7 +93,8 @@ def test_jump_that_returns_is_marked_wrong(seed, size, count):
     found = Detected(seed).add(count * [size * DEVIATION], is_followed=False)
     assert JumpDecision.WRONG not in found.decisions
     found.add([0.0], noise=0.0)
-    assert found.decisions[-1] is JumpDecision.WRONG and not found.is_wrong[-1]
+    assert found.decisions[-1] is JumpDecision.WRONG
+    assert not found.is_wrong[-1]
     assert not found.detector.is_doubted
 
 
@@ -98,9 +102,8 @@ def test_jump_that_returns_is_marked_wrong(seed, size, count):
 def test_return_of_an_undetected_jump_is_noise_if_followed(is_followed):
     errors = [2.4 * DEVIATION, 2.1 * DEVIATION, 2.2 * DEVIATION]
     found = Detected().add(errors, noise=0.0, is_followed=False)
-    assert {*found.decisions[-3:]} == {JumpDecision.UNDECIDED} and not any(
-        found.is_wrong
-    )
+    assert {*found.decisions[-3:]} == {JumpDecision.UNDECIDED}
+    assert not any(found.is_wrong)
     decision = found.add([0.0], 0.0, is_followed).decisions[-1]
     assert decision is (JumpDecision.NOISE if is_followed else JumpDecision.WRONG)
 

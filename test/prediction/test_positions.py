@@ -33,7 +33,8 @@ def test_errors_of_wrong_estimates_never_return():
 
 def test_given_arrays_are_never_changed():
     doubted().settle(np.array([True, True]), np.array([True, True]))
-    assert VALUES.tolist() == [1.0, 2.0] and ERRORS.tolist() == [0.5, 0.25]
+    assert VALUES.tolist() == [1.0, 2.0]
+    assert ERRORS.tolist() == [0.5, 0.25]
 
 
 def test_each_decided_position_is_passed_once():

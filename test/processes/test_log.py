@@ -38,7 +38,8 @@ def log_of(ros, start_process):
 
 def test_lines_of_the_loop_have_the_format_of_ros(log_of):
     lines = log_of('info')
-    assert lines and all(map(LINE.match, lines))
+    assert lines
+    assert all(map(LINE.match, lines))
 
 
 def test_lines_of_the_loop_obey_the_log_level(log_of):

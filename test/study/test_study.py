@@ -95,7 +95,8 @@ def test_every_figure_is_drawn(tmp_path):
     assert run(f'--figures {target}') == 0
     assert sorted(path.name for path in target.iterdir()) == sorted(FIGURES)
     for path in target.iterdir():
-        assert path.read_bytes().startswith(b'\x89PNG') and path.stat().st_size > 20_000
+        assert path.read_bytes().startswith(b'\x89PNG')
+        assert path.stat().st_size > 20_000
 
 
 def test_four_modes_share_the_platform_and_the_link_lengths():
@@ -108,9 +109,9 @@ def test_four_modes_share_the_platform_and_the_link_lengths():
         assert joints[f'a{side}'][1] == 0.0
         assert dist(joints[f'a{side}'], joints[f'b{side}']) == approx(0.352)
     q1, q2 = [{round(joints[name][0], 6) for joints in at} for name in ('a1', 'a2')]
-    assert len(q1) == len(q2) == 2 and max(q1) < 0.05 < min(
-        q2
-    )  # “+−” is the narrowest mode
+    # “+−” is the narrowest mode
+    assert len(q1) == len(q2) == 2
+    assert max(q1) < 0.05 < min(q2)
 
 
 @pytest.mark.parametrize(
@@ -146,8 +147,10 @@ def test_bad_input_exits_with_2_and_writes_nothing(
     file.write_text('mine')
     assert run(f'--json {tmp_path}/numbers.json ' + arguments.format(tmp_path)) == 2
     shown = capsys.readouterr()
-    assert message.format(tmp_path) in shown.err and shown.out == ''
-    assert list(tmp_path.iterdir()) == [file] and file.read_text() == 'mine'
+    assert message.format(tmp_path) in shown.err
+    assert shown.out == ''
+    assert list(tmp_path.iterdir()) == [file]
+    assert file.read_text() == 'mine'
 
 
 def test_interrupted_study_keeps_the_old_numbers(tmp_path, monkeypatch, capsys):
@@ -159,7 +162,8 @@ def test_interrupted_study_keeps_the_old_numbers(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(study.PARTS, 'ranges', interrupt)
     assert run(f'--ranges --json {target}') == 130
     assert 'no numbers were written' in capsys.readouterr().err
-    assert target.read_text() == 'old' and list(tmp_path.iterdir()) == [target]
+    assert target.read_text() == 'old'
+    assert list(tmp_path.iterdir()) == [target]
 
 
 def test_missing_cluster_library_is_named(monkeypatch, capsys):

@@ -52,7 +52,8 @@ def test_tool_rejects_unknown_name_with_its_file(
     (tmp_path / file).write_text(text.format(owner=OWNER[tool]) + '\n')
     assert TOOLS[tool]() != 0
     error = capsys.readouterr().err
-    assert f'{file} rejected: ' in error and f"parameter '{name}'" in error
+    assert f'{file} rejected: ' in error
+    assert f"parameter '{name}'" in error
 
 
 @pytest.mark.parametrize('tool', TOOLS)

@@ -88,7 +88,8 @@ def test_stop_category_0_leaves_less_with_less_friction():
         analysis().remaining(0.5, RELAY_SPREAD, (1.0 - SCATTER) * coasting)
         for coasting in (1.0, 1.87, 5.0)
     ]
-    assert left == sorted(left) and left[1] < 0.0
+    assert left == sorted(left)
+    assert left[1] < 0.0
 
 
 def test_sto_follows_the_stop_of_the_heaviest_load():

@@ -134,7 +134,8 @@ def test_ctrl_c_while_drawing_leaves_only_complete_files(start, folder):
     process = start('drawing the pictures', 1.0)
     os.kill(process.pid, signal.SIGINT)
     end(process, 130)
-    assert not list(folder.glob('.drafts_*')) and not (folder / 'linkage.gif').exists()
+    assert not list(folder.glob('.drafts_*'))
+    assert not (folder / 'linkage.gif').exists()
     assert json.loads((folder / 'summary.json').read_text())
 
 

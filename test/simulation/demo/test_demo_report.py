@@ -55,7 +55,8 @@ def test_line_over_time_is_the_rms_of_each_second():
 def test_picture_of_the_errors_labels_six_panels_with_units():
     panels = demo_report.errors(run()).axes
     labels = [panel.get_ylabel() for panel in panels]
-    assert len(labels) == 6 and all('[' in label for label in labels)
+    assert len(labels) == 6
+    assert all('[' in label for label in labels)
 
 
 @pytest.fixture
@@ -85,9 +86,8 @@ def test_animation_draws_the_wall_at_its_distance(panel):
 def test_axis_that_yields_to_contact_has_no_limit(yields):
     mission = Mission(attenuation=(20.0, 12.0, -math.inf if yields else 12.0))
     made = run(amplitude=0.05, mission=mission)
-    assert [text.split()[0] for text in made.low] == [
-        'x'
-    ] and 'below the limit 20 dB' in made.low[0]
+    assert [text.split()[0] for text in made.low] == ['x']
+    assert 'below the limit 20 dB' in made.low[0]
     assert ['dB' in text for text in made.figures] == [True, True, not yields]
 
 

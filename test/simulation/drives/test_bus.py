@@ -31,7 +31,9 @@ def test_stopped_simulator_has_no_thread():
 def test_wrong_option_is_rejected_in_one_sentence(arguments, words, capsys):
     assert drive_simulator.main(arguments) == 1
     output = capsys.readouterr()
-    assert words in output.err and output.err.count('\n') == 1 and output.out == ''
+    assert words in output.err
+    assert output.err.count('\n') == 1
+    assert output.out == ''
 
 
 def test_options_of_the_executable_reach_the_drives():
@@ -55,8 +57,6 @@ def test_options_of_the_executable_reach_the_drives():
     assert [first.node_id, second.node_id] == [4, 5]
     for drive in (first, second):
         assert drive.objects.read((0x1018, 4)) == drive.node_id
-        assert (
-            drive.motor.carriage_position == pytest.approx(0.2)
-            and drive.motor.lag == 0.02
-        )
+        assert drive.motor.carriage_position == pytest.approx(0.2)
+        assert drive.motor.lag == 0.02
         assert (0x60C5, 0) not in drive.objects.variables

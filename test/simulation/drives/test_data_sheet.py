@@ -34,7 +34,8 @@ def test_drive_without_an_object_runs_or_is_rejected(tmp_path, index):
     try:
         (drive,) = made('--profile', str(path), '--node-ids', '1')
     except ParameterError as error:
-        assert f'{index}h' in str(error) and 'next: ' in str(error)
+        assert f'{index}h' in str(error)
+        assert 'next: ' in str(error)
         return
     for cycle in range(20):
         now = 0.02 * cycle

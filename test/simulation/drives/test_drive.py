@@ -28,7 +28,8 @@ def test_reset_boots_and_communication_reset_keeps_application(command, reaction
     bench = Bench().configure()
     assert bench.nmt(command) == []
     assert bench.wait(0.2) == [(0x702, b'\x00')]
-    assert bench.read(0x1017) == 0 and bench.read(0x6007) == reaction
+    assert bench.read(0x1017) == 0
+    assert bench.read(0x6007) == reaction
 
 
 @pytest.mark.parametrize(
@@ -48,7 +49,8 @@ def test_drive_reacts_to_dead_master_after_150_ms(named, options, state):
     bench.enable()
     bench.send(0x77F, [5])
     bench.wait(0.1499)
-    assert bench.drive.axis.state is State.OPERATION_ENABLED and not bench.emergencies()
+    assert bench.drive.axis.state is State.OPERATION_ENABLED
+    assert not bench.emergencies()
     bench.wait(0.0002)
     assert bench.drive.axis.state is state
     assert [message.code for message in bench.emergencies()] == [0x8130]

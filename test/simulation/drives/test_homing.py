@@ -102,7 +102,8 @@ def test_homing_method_finds_its_home_from_anywhere(method, start):
 def test_homing_in_place_keeps_the_position(start, offset, method):
     bench = homing(method, start, offset)
     run(bench, 10)
-    assert bits(bench) == DONE and bench.status.position_counts == offset
+    assert bits(bench) == DONE
+    assert bench.status.position_counts == offset
     assert bench.drive.motor.carriage_position == pytest.approx(start, abs=1e-9)
 
 
@@ -113,7 +114,8 @@ def test_cleared_start_bit_interrupts_homing():
     assert bench.motion.velocity < 0
     bench.command()
     bench.cycle(50)
-    assert bench.motion.velocity == 0 and bits(bench) == Status.TARGET_REACHED
+    assert bench.motion.velocity == 0
+    assert bits(bench) == Status.TARGET_REACHED
 
 
 @pytest.mark.parametrize(
@@ -122,4 +124,5 @@ def test_cleared_start_bit_interrupts_homing():
 def test_homing_without_method_or_home_switch_is_an_error(method, settings):
     bench = run(homing(method, 0.1, **settings))
     assert bits(bench) == Status.HOMING_ERROR | Status.TARGET_REACHED
-    assert bench.motion.velocity == 0 and bench.state is State.OPERATION_ENABLED
+    assert bench.motion.velocity == 0
+    assert bench.state is State.OPERATION_ENABLED

@@ -31,7 +31,8 @@ def test_carriage_stays_within_speed_and_acceleration_limits():
     for _ in range(150):
         bench.cycle()
         speed = bench.motion.velocity / CPM
-        assert abs(speed) <= 0.6001 and abs(speed - before) <= 6 * PERIOD * 1.01
+        assert abs(speed) <= 0.6001
+        assert abs(speed - before) <= 6 * PERIOD * 1.01
         before = speed
     assert bench.status.position_counts == bench.target
 
@@ -77,7 +78,8 @@ def test_quick_stop_follows_its_option_code(option, state):
     start = bench.drive.motor.carriage_position
     bench.controlword = Controlword.QUICK_STOP
     bench.cycle(60)
-    assert bench.state is state and bench.motion.velocity == 0
+    assert bench.state is state
+    assert bench.motion.velocity == 0
     way = bench.drive.motor.carriage_position - start
     latency = 0.4 * 2 * PERIOD
     assert 0.4**2 / (2 * 5.0) <= way <= 0.4**2 / (2 * 5.0) + latency

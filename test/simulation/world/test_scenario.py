@@ -23,7 +23,8 @@ def test_missing_scenario_values_have_defaults(tmp_path):
     scenario = load_scenario(
         write(tmp_path / 'a.yaml', 'gondola: {guide_lever: 0.4}\n')
     )
-    assert scenario.gondola.guide_lever == 0.4 and scenario.gondola.cable_length == 30.0
+    assert scenario.gondola.guide_lever == 0.4
+    assert scenario.gondola.cable_length == 30.0
 
 
 @pytest.mark.parametrize(
@@ -63,9 +64,11 @@ def test_parameters_of_a_scenario_override_other_files(tmp_path):
     file.write_text(json.dumps(simulation_parameters('pressing', viewer=True)))
     files = [config_path('manipulator.yaml'), config_path('simulation.yaml'), file]
     contact = read_parameters(files, 'compensator')
-    assert contact['contact.enabled'] and contact['contact.force'] == 30.0
+    assert contact['contact.enabled']
+    assert contact['contact.force'] == 30.0
     simulator = read_parameters(files, 'gondola_simulator')
-    assert simulator['scenario'] == 'pressing' and simulator['viewer']
+    assert simulator['scenario'] == 'pressing'
+    assert simulator['viewer']
 
 
 def test_viewer_alone_keeps_the_scenario_of_other_files():

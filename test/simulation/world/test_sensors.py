@@ -38,7 +38,8 @@ def test_estimates_arrive_after_latency_and_jitter():
         [now - one.stamp for now, one in estimates(rate=1000.0, duration=5.0)]
     )
     assert ages.mean() == pytest.approx(0.0505, abs=5e-4)  # received in cycles of 1 ms
-    assert ages.min() >= 0.04 and ages.max() <= 0.0611
+    assert ages.min() >= 0.04
+    assert ages.max() <= 0.0611
 
 
 def test_configured_share_of_estimates_is_lost():
@@ -73,4 +74,5 @@ def test_each_fault_lasts_for_its_duration_in_turn(changes, wrong):
     counts = [
         int(((stamps >= begin) & (stamps < begin + 1.0)).sum()) for begin in (5, 10, 15)
     ]
-    assert counts == [3, 5, 10] and len(off) == 18
+    assert counts == [3, 5, 10]
+    assert len(off) == 18

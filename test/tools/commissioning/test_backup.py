@@ -87,7 +87,8 @@ def test_interrupted_profile_check_states_the_written_values(rig, rejected):
 def test_backup_is_restored_to_another_drive_after_power_cuts(rig, capsys):
     rig.drives[0].objects.write(RAMP, 77)
     rig.drives[0].objects.write((0x607D, 1), -123456)
-    assert rig.run('backup', 'q1') == 0 and 'backup q1' in rig.overlay.steps()
+    assert rig.run('backup', 'q1') == 0
+    assert 'backup q1' in rig.overlay.steps()
     assert rig.run('restore', 'q2', BACKUP) == 0
     assert '77         100000  Profile deceleration' in capsys.readouterr().out
     rig.power_cut()
@@ -117,7 +118,8 @@ def test_restore_skips_objects_of_the_bus_position(rig, tmp_path):
         rig.drives[1].objects.write(key, 77)
     assert rig.run('restore', 'q2', BACKUP) == 0
     values = rig.drives[1].objects.values
-    assert values[RAMP] == 77 != values[SPEED] and values[0x1801, 1] & 0x7F == 2
+    assert values[RAMP] == 77 != values[SPEED]
+    assert values[0x1801, 1] & 0x7F == 2
 
 
 @pytest.mark.parametrize(

@@ -26,10 +26,8 @@ def during(rig, rejected, act):
 
     rig.later(MOVING, check_and_act)
     said = rejected(*JOG)
-    assert (
-        'Written into machine.yaml: nothing' in said
-        and 'jog q1' not in rig.overlay.steps()
-    )
+    assert 'Written into machine.yaml: nothing' in said
+    assert 'jog q1' not in rig.overlay.steps()
     return said
 
 
@@ -57,7 +55,8 @@ def fall_silent(rig):
 )
 def test_event_during_a_motion_stops_all_without_power(rig, rejected, act, message):
     assert message in during(rig, rejected, lambda: act(rig))
-    assert not rig.is_powered and max(speeds(rig)) < 1e-3
+    assert not rig.is_powered
+    assert max(speeds(rig)) < 1e-3
 
 
 def test_lost_bus_leaves_the_stop_to_the_drives(rig, rejected):
@@ -90,4 +89,5 @@ def test_answer_other_than_yes_powers_no_drive(rig, rejected, answer):
     assert ('no answer' if callable(answer) else 'nothing was done') in rejected(
         *JOG, yes=False
     )
-    assert not rig.is_powered and rig.places == pytest.approx([-0.1, 0.1, 0.0])
+    assert not rig.is_powered
+    assert rig.places == pytest.approx([-0.1, 0.1, 0.0])

@@ -10,9 +10,8 @@ from facade_manipulator.tools.commissioning.procedure import Overlay
 def test_status_lists_the_steps_and_the_next_command(rig, capsys):
     rig.run()
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split() == ['scan', '-'] and lines[1].startswith(
-        'assign              20'
-    )
+    assert lines[0].split() == ['scan', '-']
+    assert lines[1].startswith('assign              20')
     assert lines[-1] == 'next: commission scan'
     for step in STEPS:
         rig.overlay.write(step, {})
@@ -44,7 +43,8 @@ def test_overlay_overrides_the_user_file(tmp_path, text):
         'q2.direction': -1,
         'q2.lead': 0.03,
     }
-    assert own.is_symlink() and target.read_bytes() == text
+    assert own.is_symlink()
+    assert target.read_bytes() == text
 
 
 def test_overlay_keeps_its_other_parameters_and_steps(tmp_path):
