@@ -24,6 +24,7 @@ from facade_manipulator.kinematics import (
     Pose,
     working_modes,
 )
+from facade_manipulator.kinematics.closure import require_branch
 
 
 def link_errors(geometry, pose, carriages):
@@ -103,6 +104,13 @@ def test_both_sides_of_another_working_mode_name_the_worse(carriages, name):
     assert error.value.quantity == f'{name} + b cos(theta)'
     # at most 0.348 m are added to the greater distance from A3
     assert -0.5 <= error.value.value <= -0.5 + 0.348
+
+
+def test_platform_behind_the_rail_has_no_assembly_mode():
+    with pytest.raises(UnreachableError) as error:
+        require_branch((0.352, 0.352, 0.348, 0.348), -0.1, 0.1, -0.2, 0.0)
+    assert error.value.quantity == 'assembly modes on the branch'
+    assert (error.value.value, error.value.bound) == (0, 1)
 
 
 def test_forward_pose_at_a_double_root_closes_the_links():
