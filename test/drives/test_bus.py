@@ -96,14 +96,15 @@ def test_silence_of_all_drives_is_attributed_to_the_bus(rig, is_virtual, remedy)
     ('seconds', 'state'),
     [(0.1, ControllerState.STOPPED), (0.3, ControllerState.BUS_LOST)],
 )
-def test_full_send_queue_is_lost_bus_after_200_ms(rig, monkeypatch, seconds, state):
+def test_full_send_queue_is_lost_bus_after_200_ms(rig, seconds, state):
     def reject(*_):
         raise BusCongestedError('can0: the send queue is full')
 
     at_rest(rig)
-    with monkeypatch.context() as patch:
-        patch.setattr(rig.bus, 'send', reject)
-        rig.run(seconds)
+    bus = rig.bus
+    bus.send = reject
+    rig.run(seconds)
+    del bus.send
     rig.run(1.0)
     assert rig.state is state
 
@@ -349,18 +350,18 @@ def test_cleanup_with_lost_bus_names_drives_not_confirmed_off(rig, cycles):
 @pytest.mark.parametrize(
     'number', range(9)
 )  # three each: reset, pre-operational, operational
-def test_congested_network_command_is_sent_later(rig, monkeypatch, number):
-    send = FakeBus.send
+def test_congested_network_command_is_sent_later(rig, number):
     commands = []
 
-    def congested(bus, cob_id, *content):
-        if cob_id == cob_ids.NMT:
-            commands.append(content)
-            if len(commands) == number + 1:
-                raise BusCongestedError('can0: the send queue is full')
-        return send(bus, cob_id, *content)
+    class CongestedBus(FakeBus):
+        def send(self, cob_id, *content):
+            if cob_id == cob_ids.NMT:
+                commands.append(content)
+                if len(commands) == number + 1:
+                    raise BusCongestedError('can0: the send queue is full')
+            super().send(cob_id, *content)
 
-    monkeypatch.setattr(FakeBus, 'send', congested)
+    rig.make_bus = CongestedBus
     rig.request('configure', 'home', 'activate')
     assert len(commands) > number
     assert not rig.controller.bus.lost

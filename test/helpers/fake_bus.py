@@ -36,6 +36,7 @@ class BusWorld:
         self.nodes: list[Callable[[int, bytes], Frames]] = []
         #: whether the kernel's SYNC returns marked as sent on this computer
         self.marks_kernel_sync = False
+        self.make_bus: Callable[[BusWorld], FakeBus] = FakeBus
         self.bus: FakeBus | None = None
         self.bus_error: BusError | None = None  #: raised by sending and receiving
         self.heard: list[Frame] = []  #: all frames on the bus
@@ -45,7 +46,7 @@ class BusWorld:
         """Return the master's end of the bus."""
         if self.bus_error is not None:
             raise self.bus_error
-        self.bus = FakeBus(self)
+        self.bus = self.make_bus(self)
         return self.bus
 
     def power_cut(self) -> None:

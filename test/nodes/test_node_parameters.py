@@ -4,7 +4,7 @@ from contextlib import nullcontext
 from pathlib import Path
 import re
 
-from nodes.node_rig import NODES
+from nodes.node_rig import LoopThread, NODES
 import pytest
 from rclpy.parameter import Parameter
 from support import wait_until
@@ -15,6 +15,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.nodes import run
 from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.node_parameters import reject_unknown_parameters
 from facade_manipulator.tools.parameter_files import read_machine
 
@@ -229,7 +230,13 @@ def test_wrong_parameter_ends_start_with_status_2(
 
 
 def test_live_limit_is_described_checked_and_applied(ros, capfd):
-    driver = ros.add(NODES['driver']())
+    started = []
+
+    def launch(*ends):
+        started.append(LoopThread(*ends))
+        return started[0]
+
+    driver = ros.add(DriverNode(launch))
     descriptor = driver.describe_parameter('limits.speed')
     assert descriptor.description.endswith(' [m/s]')
     assert not descriptor.read_only
@@ -257,7 +264,7 @@ def test_live_limit_is_described_checked_and_applied(ros, capfd):
         capfd.readouterr().err.count('limits of motion changed to 0.1 m/s, 0.2 m/s^2, ')
         == 1
     )
-    follower = driver._loop._process.loop.follower
+    follower = started[0].loop.follower
     wait_until(
         lambda: follower._limiter.limits == MotionLimits(0.1, 0.2), 'the new limits'
     )

@@ -111,19 +111,19 @@ def test_new_drives_that_answer_late_get_their_node_ids(make_rig, latencies):
     assert [drive.node_id for drive in rig.drives] == [2, 3, 1]
 
 
-def test_interrupted_tool_reads_the_answers_that_wait(make_rig, monkeypatch):
+def test_interrupted_tool_reads_the_answers_that_wait(make_rig):
     rig = make_rig('--new')
     delay_lss(rig, (0.03, 0.03, 0.03))
-    receive = FakeBus.receive
     count = itertools.count()
 
-    def interrupted(bus, timeout):
-        frame = receive(bus, timeout)
-        if frame is None and timeout > 0.01 and next(count) % 7 == 0:
-            rig.pass_time(0.15)
-        return frame
+    class InterruptedBus(FakeBus):
+        def receive(self, timeout):
+            frame = super().receive(timeout)
+            if frame is None and timeout > 0.01 and next(count) % 7 == 0:
+                rig.pass_time(0.15)
+            return frame
 
-    monkeypatch.setattr(FakeBus, 'receive', interrupted)
+    rig.make_bus = InterruptedBus
     assert rig.run(*ASSIGN) == 0
 
 
