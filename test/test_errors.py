@@ -87,7 +87,9 @@ def test_limit_error_has_value_limit_and_next_step(kind, parameter):
         f'q1 = 0.5 m is above the limit 0.4 m{source}; next: {kind.next_step}'
     )
     assert kind.next_step
-    assert (error.value, error.bound, error.unit) == (0.5, 0.4, 'm')
+    assert error.value == 0.5
+    assert error.bound == 0.4
+    assert error.unit == 'm'
 
 
 @pytest.mark.parametrize('reason', sorted(reasons() | {'stopped'}))

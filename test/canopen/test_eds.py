@@ -45,12 +45,10 @@ def test_incorrect_data_sheet_is_read_as_intended(tmp_path, encoding):
     dictionary = read_dictionary(path)
     number = dictionary[0x2000]
     text = dictionary[0x2001]
-    assert (number.name, number.min, number.max, number.default) == (
-        'Größe',
-        None,
-        0xFF,
-        10,
-    )
+    assert number.name == 'Größe'
+    assert number.min is None
+    assert number.max == 0xFF
+    assert number.default == 10
     assert text.default == 'CAFE'
     assert 0x2002 not in dictionary
 

@@ -33,7 +33,8 @@ def test_selected_slave_takes_and_stores_a_node_id():
     node = slave()
     ask(node, '0401')
     assert ask(node, '1105') == b'\x11'
-    assert (node.pending, node.stored) == (5, UNCONFIGURED)
+    assert node.pending == 5
+    assert node.stored == UNCONFIGURED
     assert ask(node, '17') == b'\x17'
     assert node.stored == 5
 

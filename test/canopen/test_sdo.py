@@ -170,7 +170,8 @@ class Transcript(ScriptedDrive):
         assert cob_id == REQUEST
         assert self._lines, f'not expected: {data.hex(" ")}'
         direction, expected = self._lines.pop(0)
-        assert (direction, data.hex(' ')) == ('>', expected.hex(' '))
+        assert direction == '>'
+        assert data.hex(' ') == expected.hex(' ')
         while self._lines and self._lines[0][0] == '<':
             self.feed(self._lines.pop(0)[1])
 

@@ -314,7 +314,8 @@ def test_fault_lasts_until_pressing_is_disabled_and_enabled():
     assert pressing.mode is PressMode.RETRACTED
     pressing.settings = replace(SETTINGS, enabled=False)
     off = press(600.0, 5.0, pressing=pressing, start=40.0)
-    assert (pressing.mode, pressing.outcome) == (PressMode.OFF, 'not pressing')
+    assert pressing.mode == PressMode.OFF
+    assert pressing.outcome == 'not pressing'
     assert off.offsets[-1] == 0.0
     assert pressing.is_force_reached
     pressing.settings = SETTINGS

@@ -231,7 +231,8 @@ def test_end_of_a_goal_is_reported_once(machine, duration):
     machine.goals.end('the drives are halted')
     machine.goals.end('the driver is silent')
     (ended,) = machine.sent
-    assert (ended['state'], ended['reason']) == ('ended', 'the drives are halted')
+    assert ended['state'] == 'ended'
+    assert ended['reason'] == 'the drives are halted'
     assert machine.run(1.0) == []
 
 

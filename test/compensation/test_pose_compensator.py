@@ -187,7 +187,8 @@ def test_lost_estimate_retracts_the_head_with_its_reason(variances, reason):
                 run.now, run.now, Wrench(0.0, -30.0 - 0.01 * (cycle % 3), 0.0)
             )
         run.run(PERIOD)
-    assert (pressing.mode, pressing.last_reason) == (PressMode.RETRACTED, reason)
+    assert pressing.mode == PressMode.RETRACTED
+    assert pressing.last_reason == reason
 
 
 @pytest.mark.parametrize('lag', [0.0, 0.03])

@@ -50,7 +50,9 @@ def test_normal_sequence_from_configure_to_cleanup_succeeds(rig):
     axis = rig.snapshot.axes[0]
     assert axis.state is State.OPERATION_ENABLED
     assert axis.statusword & Status.DRIVE_FOLLOWS
-    assert (axis.homed, axis.serial_number, type(axis.force)) == (True, 1, float)
+    assert axis.homed is True
+    assert axis.serial_number == 1
+    assert type(axis.force) is float
     answer = rig.request('deactivate')
     assert 'power: confirmed off' in answer
     assert rig.drive_states == OFF
@@ -59,7 +61,8 @@ def test_normal_sequence_from_configure_to_cleanup_succeeds(rig):
     answer = rig.request('cleanup')
     assert 'have confirmed that their power is off' in answer
     assert requests_of(answer) == ['configure', 'home', 'activate']
-    assert (rig.state, rig.snapshot.power) == (ControllerState.UNCONFIGURED, 'unknown')
+    assert rig.state == ControllerState.UNCONFIGURED
+    assert rig.snapshot.power == 'unknown'
     rig.until(
         lambda: {drive.objects.nmt.state for drive in rig.drives} == {'PRE-OPERATIONAL'}
     )

@@ -101,4 +101,5 @@ def test_stroke_limits_and_boxes_have_the_lengths_of_parts(geometry):
         turn = geometry.rail_angle if name == 'rail' else 0.0
         assert [*map(float, origin.get('rpy').split())] == [0.0, 0.0, turn]
         assert (x - 0.5 * length, x + 0.5 * length) == pytest.approx(expected)
-        assert (y, z) == (0.0, 0.0)
+        assert y == 0.0
+        assert z == 0.0

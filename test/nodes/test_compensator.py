@@ -209,7 +209,8 @@ def test_goal_status_before_the_first_goal_is_none(neighbours):
         'none: no goal was received; next: send goal_pose'
     )
     values = status_values(status)
-    assert (values['state'], values['goal stamp']) == ('none', '')
+    assert values['state'] == 'none'
+    assert values['goal stamp'] == ''
 
 
 def test_repetition_of_the_followed_goal_is_ignored(neighbours):

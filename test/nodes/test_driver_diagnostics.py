@@ -200,7 +200,8 @@ def test_driver_message_has_the_most_severe_problem(causes, problems, level, mes
         ControllerState.INACTIVE, 1.0, (), causes, next_step='activate'
     )
     found = outcome_of(snapshot, problems=NodeProblems(*problems))
-    assert (found.level, found.message) == (level, message)
+    assert found.level == level
+    assert found.message == message
 
 
 CLEANUP = 'cleanup rejected: the node is active; next: deactivate'
@@ -245,7 +246,8 @@ def test_drive_component_has_the_level_of_its_state(change, level, message):
     assert status_level(status) == level
     assert message in status.message
     values = status_values(status)
-    assert (values['position [m]'], values['velocity [m/s]']) == ('0.25', '-0.1')
+    assert values['position [m]'] == '0.25'
+    assert values['velocity [m/s]'] == '-0.1'
     assert values['statusword'] == (
         '-' if axis.statusword is None else f'{axis.statusword:04X}h'
     )

@@ -26,12 +26,11 @@ def test_pose_survives_conversion_to_a_message_and_back(x, y, theta, sign):
     message = pose_stamped('rail', 12.5, Pose(x, y, theta))
     q = message.pose.orientation
     q.x, q.y, q.z, q.w = (sign * value for value in (q.x, q.y, q.z, q.w))
-    assert (message.header.frame_id, planar_messages.seconds(message.header.stamp)) == (
-        'rail',
-        12.5,
-    )
+    assert message.header.frame_id == 'rail'
+    assert planar_messages.seconds(message.header.stamp) == 12.5
     back = planar_messages.planar_pose(message.pose, 'goal')
-    assert (back.x, back.y) == (x, y)
+    assert back.x == x
+    assert back.y == y
     assert math.remainder(back.theta - theta, math.tau) == pytest.approx(0.0, abs=1e-14)
 
 
@@ -52,7 +51,9 @@ def test_stamp_survives_conversion_to_seconds_and_to_text(sec, nanosec):
         sec + nanosec * 1e-9, abs=1e-6
     )
     whole, part = planar_messages.stamp_text(Time(sec=sec, nanosec=nanosec)).split('.')
-    assert (int(whole), int(part), len(part)) == (sec, nanosec, 9)
+    assert int(whole) == sec
+    assert int(part) == nanosec
+    assert len(part) == 9
 
 
 @given(st.builds(Pose, lengths, lengths, angles), angles, st.floats(0.0, 0.2), lengths)
@@ -187,10 +188,9 @@ def test_disturbance_is_broadcast_in_frames_of_the_namespace(ros, monkeypatch):
     )
     header = sent[0].header
     body = sent[0].transform
-    assert (
-        header.frame_id,
-        sent[0].child_frame_id,
-        planar_messages.seconds(header.stamp),
-    ) == ('gondola_1/facade', 'gondola_1/rail', 12.5)
-    assert (body.translation.x, body.translation.y) == (0.1, 0.2)
+    assert header.frame_id == 'gondola_1/facade'
+    assert sent[0].child_frame_id == 'gondola_1/rail'
+    assert planar_messages.seconds(header.stamp) == 12.5
+    assert body.translation.x == 0.1
+    assert body.translation.y == 0.2
     assert body.rotation.z == pytest.approx(math.sin(0.5))

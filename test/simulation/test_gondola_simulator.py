@@ -159,7 +159,8 @@ def test_raw_measurements_fill_the_fields_of_their_messages():
         raw_fields(topic.name, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
         for topic in (topics.IMU, topics.RANGE_1, topics.FIX_X)
     )
-    assert (imu['angular_velocity'].x, imu['linear_acceleration'].z) == (1.0, 6.0)
+    assert imu['angular_velocity'].x == 1.0
+    assert imu['linear_acceleration'].z == 6.0
     assert distance['range'] == fix['point'].x == 1.0
 
 

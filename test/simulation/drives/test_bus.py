@@ -54,7 +54,8 @@ def test_options_of_the_executable_reach_the_drives():
             ]
         )
     )
-    assert [first.node_id, second.node_id] == [4, 5]
+    assert first.node_id == 4
+    assert second.node_id == 5
     for drive in (first, second):
         assert drive.objects.read((0x1018, 4)) == drive.node_id
         assert drive.motor.carriage_position == pytest.approx(0.2)
