@@ -98,3 +98,20 @@ def test_moving_target_is_caught_and_then_reached_exactly():
 def test_jerk_below_the_acceleration_is_rejected():
     with pytest.raises(ParameterError, match='jerk = 1 m/s'):
         MotionLimits(acceleration=3.0, jerk=1.0)
+
+
+@pytest.mark.parametrize(
+    ('velocity', 'acceleration', 'is_allowed'),
+    [
+        (0.49, -2.9, True),
+        (0.505, -2.9, False),  # too fast, although it brakes
+        (0.495, 2.9, False),  # its acceleration ends at 0.523 m/s
+    ],
+)
+def test_motion_must_be_inside_the_speed_and_remain_there(
+    velocity, acceleration, is_allowed
+):
+    motion = CarriageMotion(
+        ORIGIN.position, (velocity, 0.0, 0.0), (acceleration, 0.0, 0.0)
+    )
+    assert PathLimiter(LIMITS, PERIOD).allows(motion, LIMITS.speed) is is_allowed
