@@ -455,6 +455,18 @@ def test_last_brake_names_the_cause_of_each_brake(begin, cause):
     assert cause in made.last_brake
 
 
+def test_carriages_brake_before_a_place_with_a_lower_speed():
+    def fastest(*places):
+        """Return the allowed speed [m/s] of a carriage that comes near its neighbour."""
+        return 0.02 if max(q1 for q1, _, _ in places) > -0.08 else math.inf
+
+    made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, inside, fastest)
+    made.reset(HOME)
+    run(made, 0.0, 2.0)
+    assert made.brakes
+    assert 'at this distance from its neighbour' in made.last_brake
+
+
 def test_held_commands_without_path_end_at_rest():
     made = follower()
     run(made, -0.5, 0.0)
