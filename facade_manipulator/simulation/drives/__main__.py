@@ -1,25 +1,32 @@
 """
 Executable ``drive_simulator``: three simulated drives on any python-can bus, without ROS.
 
-The driver of the machine uses them over CAN like real drives.
+The driver of the machine uses them over CAN like real drives. Lines on standard input push the
+carriages by hand (`hand`).
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from itertools import cycle
 import logging
+import os
+import select
 import signal
 import sys
 from typing import Any
 
+from facade_manipulator.canopen import indices
 from facade_manipulator.canopen.bus import open_bus
 from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.canopen.lss import UNCONFIGURED
 from facade_manipulator.command_line import exit_status
 from facade_manipulator.drives.axis_settings import AxisSettings, DEFAULT_AXES
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.parameters import parameter_fields, ParameterSource
+from facade_manipulator.simulation.drives import hand
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.simulation.drives.motor import SimulationSettings
 from facade_manipulator.simulation.drives.simulator import DriveSimulator
@@ -31,6 +38,10 @@ _OF_EACH_DRIVE = {
     'directions': 'direction',
     'leads': 'lead',
 }
+
+
+class _StopSignal(Exception):
+    """SIGINT or SIGTERM was received."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,15 +62,67 @@ def _run(options: argparse.Namespace) -> None:
     drives = make_drives(options)
     bus = ParameterSource(vars(options)).read(BusSettings)
     opened = open_bus(bus)
-    # the signals stay blocked until sigwait: a handler would interrupt the thread's lock
-    signal.pthread_sigmask(signal.SIG_BLOCK, _STOP_SIGNALS)
-    with DriveSimulator(opened, drives):
+    # The signals stay blocked: a handler would interrupt the thread's lock. With SIGTTIN blocked,
+    # the read of a process in the background fails instead of stopping the process.
+    signal.pthread_sigmask(signal.SIG_BLOCK, (*_STOP_SIGNALS, signal.SIGTTIN))
+    with DriveSimulator(opened, drives) as simulator, suppress(_StopSignal):
         nodes = ', '.join(str(drive.node_id) for drive in drives)
-        print(
-            f'drive_simulator: nodes {nodes} on {bus.interface} {bus.channel}',
-            flush=True,
+        print(f'drive_simulator: nodes {nodes} on {bus.interface} {bus.channel}')
+        labels = ', '.join(
+            f'{name} {drive.objects.read((indices.IDENTITY, 4))}'
+            for name, drive in _named(drives).items()
         )
+        print(f'drive_simulator: carriages with serial numbers: {labels}')
+        print(f'drive_simulator: {hand.USAGE}', flush=True)
+        for line in _input_lines():
+            _act(line, simulator)
         signal.sigwait(_STOP_SIGNALS)
+
+
+def _named(drives: Sequence[SimulatedDrive]) -> dict[str, SimulatedDrive]:
+    """Return the drives by the names of their carriages."""
+    return {f'q{number}': drive for number, drive in enumerate(drives, start=1)}
+
+
+def _act(line: str, simulator: DriveSimulator) -> None:
+    """Carry out a line of the user, print the reply or the error, and wait for the hand."""
+    with simulator.access() as drives:
+        try:
+            print(hand.act(line, _named(drives)), flush=True)
+        except ManipulatorError as error:
+            print(error, file=sys.stderr, flush=True)
+    while any(drive.motor.is_pushed for drive in drives):
+        _wait()
+
+
+def _input_lines() -> Iterator[str]:
+    """Yield the lines of standard input that are not empty, until its end or a stop signal."""
+    if sys.stdin is None:  # closed by the process that started this process
+        return
+    unfinished = ''
+    while True:
+        _wait()
+        if not select.select([sys.stdin], [], [], 0.0)[0]:
+            continue
+        try:
+            data = os.read(sys.stdin.fileno(), 4096)
+        except OSError:  # in the background of its terminal
+            continue
+        *lines, unfinished = (unfinished + data.decode(errors='replace')).split('\n')
+        if not data:
+            lines = [unfinished]
+        yield from filter(None, map(str.strip, lines))
+        if not data:
+            return
+
+
+_INPUT_PERIOD = 0.1  # s, between two looks at standard input
+
+
+def _wait() -> None:
+    """Wait between two looks at the input; raises a _StopSignal."""
+    if signal.sigtimedwait(_STOP_SIGNALS, _INPUT_PERIOD):
+        raise _StopSignal
 
 
 _NEW_SERIALS = (4711, 4712, 4713)

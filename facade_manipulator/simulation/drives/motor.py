@@ -48,6 +48,7 @@ class SimulatedMotor:
     # from the middle of the rail to both sides
     _HARD_STOP = 0.56  # m
     _LIMIT_SWITCH = 0.545  # m
+    _HAND_SPEED = 0.1  # m/s
     # of the motor
     _PEAK_SPEED = 1.0  # m/s
     _PEAK_ACCELERATION = 20.0  # m/s²
@@ -79,11 +80,23 @@ class SimulatedMotor:
             position * self._direction * self.counts_per_metre, self.hard_stop
         )
         self.velocity = 0.0  #: [counts/s]
+        self._pushed_to: float | None = None  # while a hand pushes [counts]
+
+    def push(self, distance: float) -> None:
+        """Begin to push the carriage along the rail [m]; it stops there, or when power is on."""
+        counts = distance * self._direction * self.counts_per_metre
+        self._pushed_to = self.position + counts
+        self.velocity = math.copysign(self._HAND_SPEED * self.counts_per_metre, counts)
 
     def count_from_here(self) -> None:
         """Reset the encoder to zero, like an incremental encoder at power-on."""
         #: counts that the encoder reports minus counts from the middle of the rail
         self.offset = -round(self.position)
+
+    @property
+    def is_pushed(self) -> bool:
+        """Return whether a hand pushes the carriage."""
+        return self._pushed_to is not None
 
     @property
     def counts(self) -> int:
@@ -126,6 +139,7 @@ class SimulatedMotor:
         The error decays with the time constant `lag`, exactly for any step [s], within both
         limits. On a ramp the carriage lags by speed·lag.
         """
+        self._pushed_to = None  # a servo with power does not give way
         error = demand - self.position - speed * (self.lag + step)
         size = abs(error)
         knee = acceleration_limit * self.lag**2
@@ -142,9 +156,21 @@ class SimulatedMotor:
         self._move(self.velocity + change, step)
 
     def coast(self, step: float) -> None:
-        """Move without power over one time step [s]."""
+        """Move without power over one time step [s], by a hand or against the friction."""
+        if self._pushed_to is not None:
+            self._follow_hand(self._pushed_to, step)
+            return
         braking = self._settings.coasting * self.counts_per_metre * step
         self._move(self.velocity - _bounded(self.velocity, braking), step)
+
+    def _follow_hand(self, goal: float, step: float) -> None:
+        """Move towards the place where the hand stops the carriage [counts]."""
+        speed = self._HAND_SPEED * self.counts_per_metre
+        left = goal - self.position
+        self._move(_bounded(left / step, speed), step)
+        if abs(left) <= speed * step:
+            self.velocity = 0.0
+            self._pushed_to = None
 
     def _move(self, velocity: float, step: float) -> None:
         """Move with a velocity [counts/s] for a step [s], up to the hard stops."""

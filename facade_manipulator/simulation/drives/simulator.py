@@ -44,12 +44,14 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
     @contextmanager
     def access(self) -> Iterator[tuple[SimulatedDrive, ...]]:
         """
-        Yield the drives to another thread, which reads them or injects faults.
+        Yield the drives to another thread, which reads them, pushes them or injects faults.
 
-        Frames that the drives send as a result go to the bus when the context ends.
+        The drives are at the present time. Frames that the drives send as a result go to the bus
+        when the context ends.
 
         """
         with self._lock:
+            self._advance(None)
             yield self._drives
             self._advance(None)
 
