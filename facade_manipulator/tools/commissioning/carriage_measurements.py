@@ -106,6 +106,7 @@ _RETREAT = 1e-3  # m, travel back from it
 _WIDE_SPREAD = 2e-4  # m; every tenth SYNC reports the inputs, 0.05 mm apart
 # homing methods that search for the home switch, by their initial direction
 _HOME_SWITCH_METHODS = {1: (23, 24, 7, 8), -1: (27, 28, 11, 12)}
+_INDEX_METHODS = (7, 8, 11, 12)  # home at an index pulse of the encoder beside the edge
 
 
 def run_home_switch(context: Context) -> None:
@@ -151,6 +152,12 @@ def run_home_switch(context: Context) -> None:
             'this switch; next: home with another method'
         )
     context.record(f'home-switch {name}', {f'{name}.homing_method': methods[0]})
+    if methods[0] in _INDEX_METHODS:
+        print(
+            f'! {name}: method {methods[0]} homes at an index pulse, at most '
+            f'{MM * axis.lead / axis.gear_ratio:.1f} mm (a motor revolution) beside the edge; '
+            'next: after the first home, measure its place and correct home_position'
+        )
 
 
 def _deviations(axes: dict[str, AxisSnapshot]) -> list[float]:

@@ -1,6 +1,7 @@
 """Commands `direction`, `jog`, `lead`, `home-switch` and `lag` on drives with known faults."""
 
 import pytest
+from tools.commissioning.rig import own_profile
 
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
@@ -102,6 +103,17 @@ def test_home_switch_is_found_and_its_method_written(make_rig, capsys):
     assert 'q3: edge at +7.' in said
     assert 'spread is above' not in said
     assert rig.parameters['q3.homing_method'] == 7
+    assert 'method 7 homes at an index pulse, at most 4.7 mm' in said
+
+
+def test_home_switch_method_without_index_pulse_is_preferred(
+    make_rig, tmp_path, capsys
+):
+    profile = own_profile(tmp_path, homing_methods=[37, 23, 7])
+    rig = make_rig('--start-positions', '0.1', '0.2', '-0.012').configured(profile)
+    assert rig.run('home-switch', 'q3', '--speed', '20', '--approaches', '1') == 0
+    assert rig.parameters['q3.homing_method'] == 23
+    assert 'index pulse' not in capsys.readouterr().out
 
 
 def test_switch_that_is_on_at_start_is_rejected(make_rig, rejected):
