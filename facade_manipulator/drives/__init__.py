@@ -1,1 +1,1 @@
-"""Drives: CiA 402 states, profiles, homing, group of axes, cycle and controller."""
+"""Drives: CiA 402 states, profiles, homing, the group of axes, the cycle and the controller."""

@@ -1,4 +1,4 @@
-"""Answers of one drive to SYNC, and the SYNCs that it has not answered."""
+"""Record of the TPDOs with which one drive answers SYNC, and of missing answers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from facade_manipulator.canopen.pdo import Pdo
 
 class Answers:
     """
-    Answers of one drive to SYNC, in its TPDOs.
+    Record of the TPDOs with which one drive answers SYNC.
 
     An answer is complete when all TPDOs of a SYNC have arrived: following errors of different
     cycles must not be compared. The rate is in cycles per second.
@@ -40,11 +40,11 @@ class Answers:
         self.cycles_old = 0
 
     def excuse(self) -> None:
-        """Count the missing answers in a row from 0 again."""
+        """Reset the number of consecutive missing answers."""
         self.missed_in_a_row = 0
 
     def receive(self, name: str, time: float, sync_time: float) -> None:
-        """Record a TPDO with its time [s] and the time of the last SYNC [s]."""
+        """Record a TPDO, its time of reception [s] and the time of the last SYNC [s]."""
         self.silent.discard(name)
         if name in self._answered and time >= sync_time - self.SYNC_TOLERANCE:
             self._answered[name] = sync_time
@@ -53,7 +53,7 @@ class Answers:
 
     def end_cycle(self, sync_time: float) -> None:
         """
-        Count an answer that is missing at the end of the cycle of a SYNC.
+        Count a missing answer at the end of the cycle that began with a SYNC.
 
         An answer after the end of the previous cycle is late, not missing.
         """

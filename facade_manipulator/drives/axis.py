@@ -46,7 +46,7 @@ from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 
 class Axis:
     """
-    One axis, for one opening of the bus: the controller replaces it when it closes the bus.
+    One axis. The controller replaces this object when it closes the bus.
 
     The operator reads its name. `settings` contain the units and the identity of the drive's
     profile. Raises a ParameterError if the profile contradicts the settings.
@@ -82,54 +82,54 @@ class Axis:
         return f'{self.name} (node {self.settings.node_id})'
 
     def connect(self, bus: CanBus, clock: Clock, serials: dict[int, str]) -> None:
-        """Use the objects of the drive on a bus; `serials` maps serial numbers to axes."""
+        """Use the objects of the drive on a bus; `serials` maps serial numbers to axis names."""
         self.sdo.connect(bus, self.name, clock, serials)
 
     # --- what happens to the drive
 
     def expect_boot_up(self) -> None:
-        """Count boot-ups from 0 before a reset, which ends all errors; a second one is a fault."""
+        """Prepare for a reset: clear all errors and the number of boot-up messages."""
         self.node.count_boot_ups()
         self.errors.forget()
 
     def expect(self, nmt_state: str) -> None:
-        """Expect an NMT state that this master commands; excuse answers until the next one."""
+        """Record the NMT state that this master commands; excuse answers until the next."""
         if nmt_state != self.node.commanded:
             self.silence.excuse_answers()
         self.node.expect(nmt_state)
 
     def begin_supervision(self, now: float) -> None:
-        """Treat silence and restarts as faults from a time on [s]; forget earlier answers."""
+        """From a time [s], treat silence and restarts as faults; forget earlier answers."""
         self.silence.begin(now)
         self.node.count_boot_ups()
         self.answers.restart()
 
     def begin_homing(self, period: float) -> None:
-        """Begin a homing with a period of the cycle [s]."""
+        """Begin to home with a cycle period [s]."""
         needs_bit_10 = not self.profile.quirks.homes_without_bit_10
         self.homing = Homing(self.name, self.settings, period, needs_bit_10)
         self.encoder.begin_homing()
 
     @property
     def has_found_home(self) -> bool:
-        """Return whether the homing in progress, or the last, has found home."""
+        """Return whether the drive has found home in the current or last homing."""
         return self.homing is not None and self.homing.is_homed
 
     def watch_home(self) -> None:
-        """Judge the positions of a drive that has found home: while others home, it may slip."""
+        """Check a drive that has found home for slip while other axes are homing."""
         if self.has_found_home:
             self.encoder.find_home()
 
     def end_homing(self) -> None:
-        """Record whether the axis is homed, once its positions have settled."""
+        """Record whether the axis is homed, when its position is settled."""
         self.encoder.end_homing(self.has_found_home)
 
     def cancel_homing(self) -> None:
-        """Record that the axis is not homed, and no longer judge its position."""
+        """Record that the axis is not homed, and stop checking its position."""
         self.encoder.end_homing(False)
 
     def lose(self) -> None:
-        """Record that the drive was silent: it may have restarted and lost its position."""
+        """Mark the position as lost after a silence, because the drive may have restarted."""
         self.silence.lose()
         self.encoder.distrust()
 
@@ -176,7 +176,7 @@ class Axis:
 
     def end_cycle(self, sync_time: float, may_rest: bool = True) -> None:
         """
-        Update answers and feedback at the end of the cycle of a SYNC.
+        Update answers and feedback at the end of the cycle that began with a SYNC.
 
         `may_rest` is False only while the targets of a ramp to rest still move: carriages that
         reverse rest for a moment.
@@ -185,7 +185,7 @@ class Axis:
         self.feedback.end_cycle(self.encoder, may_rest)
 
     def frames(self) -> list[tuple[int, bytes]]:
-        """Return COB-ID and data of the frames to the drive; none after it has restarted."""
+        """Return COB-ID and data of each frame for the drive, or no frame after a restart."""
         if self.node.boot_ups:
             return []
         return self.output.frames(self.output.command)
@@ -193,7 +193,7 @@ class Axis:
     # --- values for the operator
 
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
-        """Return the newest values, with the commanded target [m], at a time [s]."""
+        """Return the newest values and the commanded target [m] at a time [s]."""
         newest = self.feedback.newest
         position, velocity, force, following_error = map(newest.get, MEASURED_OBJECTS)
         heartbeat_time = self.node.heartbeat_time
@@ -219,7 +219,7 @@ class Axis:
         )
 
     def has_confirmed_off(self, now: float) -> bool:
-        """Return whether the drive confirms at a time [s] that its motor has no power."""
+        """Return whether the drive confirms, at a time [s], that its motor has no power."""
         return self.snapshot(None, now).power is Power.CONFIRMED_OFF
 
 
@@ -227,7 +227,7 @@ def make_axes(
     settings: tuple[AxisSettings, ...], controller: ControllerSettings
 ) -> tuple[Axis, ...]:
     """
-    Return the axes q1, q2, q3 with the profiles of their drives.
+    Return the axes q1, q2 and q3 with the profiles of their drives.
 
     Raises a ParameterError if settings contradict each other or a drive profile is missing.
     """
@@ -240,7 +240,7 @@ def make_axes(
 
 
 def positions_of(axes: Sequence[Axis]) -> PerCarriage:
-    """Return the positions of the carriages [m]; raise a DriveStateError if one is unknown."""
+    """Return the carriage positions [m]; raise a DriveStateError if a position is unknown."""
     q1, q2, q3 = [axis.feedback.position for axis in axes]
     if q1 is None or q2 is None or q3 is None:
         raise DriveStateError(

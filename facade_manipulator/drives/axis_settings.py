@@ -166,17 +166,17 @@ class AxisSettings:
 
     @cached_property
     def counts_per_metre(self) -> float:
-        """Return the counts per metre of carriage motion [1/m], with the sign of the direction."""
+        """Return the signed number of counts per metre of carriage motion [1/m]."""
         return self.direction * self.counts_per_revolution * self.gear_ratio / self.lead
 
     @property
     def counts_per_revolution(self) -> int:
-        """Return the counts per revolution of the motor."""
+        """Return the number of counts per motor revolution."""
         return 4 * self.pulses_per_revolution
 
     @cached_property
     def velocity_units_per_count(self) -> float:
-        """Return the velocity units of the drive per count/s, above 0."""
+        """Return the positive number of drive velocity units per count/s."""
         unit = VELOCITY_UNITS[self.velocity_unit]
         counts = {
             'count': 1.0,
@@ -188,7 +188,7 @@ class AxisSettings:
     @cached_property
     def si_per_unit(self) -> SiPerUnit:
         """
-        Return the SI value of one unit of each measured quantity of the drive.
+        Return the SI value of one drive unit for each measured quantity.
 
         All four have the sign of `direction`.
         """
@@ -206,11 +206,11 @@ class AxisSettings:
         )
 
     def to_counts(self, position: float) -> int:
-        """Return the counts of a position [m]; `configure` rejects more than 32 bits."""
+        """Convert a position [m] to counts; `configure` rejects a value of more than 32 bits."""
         return round(position * self.counts_per_metre)
 
     def to_metres(self, counts: float) -> float:
-        """Return the position [m] of a number of counts."""
+        """Convert counts to a position [m]."""
         return counts / self.counts_per_metre
 
 
@@ -238,7 +238,7 @@ def read_axes(
     read: Callable[..., AxisSettings], stroke: tuple[float, ...]
 ) -> tuple[AxisSettings, ...]:
     """
-    Return the settings of the three axes, whose carriages have one stroke [m].
+    Return the settings of the three axes; all carriages have the same stroke [m].
 
     `read` is the method of a `ParameterSource`. The group ``axes`` contains the settings that all
     axes share, the groups ``q1`` to ``q3`` have those in `OF_ONE_AXIS`.
@@ -261,7 +261,7 @@ def read_axes(
 
 
 def check_axes(axes: tuple[AxisSettings, ...]) -> None:
-    """Raise a ParameterError for two axes with the same node id, or serial number except 0."""
+    """Raise a ParameterError if two axes share a node id or a serial number other than 0."""
     for name in ('node_id', 'serial_number'):
         values = [getattr(axis, name) for axis in axes if getattr(axis, name)]
         if len(set(values)) < len(values):

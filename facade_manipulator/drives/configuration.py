@@ -1,5 +1,5 @@
 """
-Configuration of a drive: objects are written, read back, and its identity is checked.
+Configuration of a drive: check its identity, write its objects and read them back.
 
 A rejected write counts only if the value read back differs, because the object may be constant
 and correct. A mismatch rejects the drive, and the message names all objects that differ.
@@ -54,7 +54,7 @@ def drive_writes(
     profile: DriveProfile, axis: AxisSettings, settings: ControllerSettings
 ) -> list[Write]:
     """
-    Return the writes to a drive: the objects of its profile in order, then the PDO map.
+    Return the writes that configure a drive: the objects of its profile, then the PDO map.
 
     Unused PDOs are disabled. Raises a ParameterError if the drive type does not know the axis's
     homing method.
@@ -87,7 +87,7 @@ def drive_writes(
 
 def apply(drive: SdoChannel, writes: list[Write]) -> Steps[list[str]]:
     """
-    Write objects and read each back; return notes of missing optional objects.
+    Write objects and read each object back; return notes about missing optional objects.
 
     Raises a DriveObjectError that names all objects that the drive rejects or that read back with
     another value. Raises a DriveTimeoutError if the drive does not answer.
@@ -113,7 +113,7 @@ def apply(drive: SdoChannel, writes: list[Write]) -> Steps[list[str]]:
 
 
 class Comparison(NamedTuple):
-    """Comparison of the objects of a drive with their configured values."""
+    """Result of comparing the objects of a drive with their configured values."""
 
     problems: dict[str, str]  #: messages by object that differs or cannot be read
     notes: list[str]  #: missing optional objects
@@ -123,7 +123,7 @@ class Comparison(NamedTuple):
 
     @property
     def changed(self) -> list[str]:
-        """Return the objects that have another value."""
+        """Return the objects whose values differ from the configuration."""
         return [name for name in self.problems if name not in self.unreadable]
 
 
@@ -154,7 +154,7 @@ def check(drive: SdoChannel, writes: list[Write]) -> Steps[Comparison]:
 
 
 def _encoded(drive: SdoChannel, write: Write) -> Steps[bytes]:
-    """Return the data of a write; raise a DriveObjectError if the value does not fit."""
+    """Return the data bytes of a write; raise a DriveObjectError if the value does not fit."""
     # the size is that of the map or the EDS, else that of the answer of the drive
     size = write.size or drive.size(write.index, write.subindex)
     if not size:
@@ -169,7 +169,7 @@ def _encoded(drive: SdoChannel, write: Write) -> Steps[bytes]:
 
 
 def _difference(drive: SdoChannel, write: Write) -> Steps[str]:
-    """Return how an object differs from its configured value, ``''`` if equal."""
+    """Describe how an object differs from its configured value; ``''`` if they are equal."""
     data = yield from _encoded(drive, write)
     mask = write.read_back & ((1 << 8 * len(data)) - 1)
     expected = int.from_bytes(data, 'little')
@@ -184,7 +184,7 @@ def _difference(drive: SdoChannel, write: Write) -> Steps[str]:
 
 
 def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> Steps[bool]:
-    """Return whether a drive with its present objects stops when this master is silent."""
+    """Return whether a drive, with its present objects, stops when this master is silent."""
     watched = (yield from drive.read_optional(*profile.heartbeat_consumer)) or 0
     reaction = yield from drive.read_optional(profile.lost_master_reaction, 0)
     node, timeout = SupervisedHeartbeat.decode(watched)
@@ -199,7 +199,7 @@ _UNIT_BITS = 0xFFFFFF00  # prefix, numerator and denominator of a unit
 
 def unit_conflicts(read: Read, axis: AxisSettings) -> Steps[list[str]]:
     """
-    Return units, gearing and polarity of a drive that differ from its profile, with a remedy.
+    Describe each unit, gear ratio and polarity that differs from the profile, with a remedy.
 
     `read` returns the number in an object of the drive, None if the drive lacks the object. An
     object that is absent or 0 states no unit.
@@ -241,7 +241,7 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Steps[list[str]]:
 
 
 def _counts_per_revolution(read: Read) -> Steps[float | None]:
-    """Return feed, or else encoder resolution, divided by gear ratio; None if both are missing."""
+    """Return feed (or else encoder resolution) divided by gear ratio; None if both are missing."""
     feed = yield from _ratio(read, indices.FEED_CONSTANT)
     resolution = yield from _ratio(read, indices.ENCODER_RESOLUTION)
     # Elmo's Gold drives have counts of the encoder
@@ -255,7 +255,7 @@ def _counts_per_revolution(read: Read) -> Steps[float | None]:
 
 
 def _ratio(read: Read, index: int) -> Steps[float | None]:
-    """Return the ratio of the subindices 1 and 2, None if one is absent or 0."""
+    """Return the ratio of subindex 1 to subindex 2; None if either is absent or 0."""
     over = yield from read(index, 1)
     if not over:
         return None
@@ -267,7 +267,7 @@ def check_identity(
     drive: SdoChannel, axis: AxisSettings, serials: dict[int, str]
 ) -> Steps[int | None]:
     """
-    Require the configured identity of a drive; return its serial number, None if it has none.
+    Check the identity of a drive; return its serial number, None for a drive without one.
 
     A configured 0 accepts any number. `serials` maps configured serial numbers to axes, which
     distinguishes swapped axes from a replaced drive. Raises a DriveObjectError that names the

@@ -1,5 +1,5 @@
 """
-Drive controller: it owns three axes and their bus, and runs the requests of an operator.
+Drive controller: owns the three axes and the bus, and executes the operator's requests.
 
 One thread uses it: it waits for frames until the step of a cycle is due, and then does the step.
 A request, one of `REQUESTS`, begins at once; its reply is a message for the operator, or an error
@@ -37,7 +37,7 @@ _log = logging.getLogger(__name__)
 
 
 class ForbiddenPower(NamedTuple):
-    """Reason why no drive may have power."""
+    """Reason why all drives must be without power."""
 
     cause: str = ''  #: ``''`` if the drives may have power
     remedy: str = ''  #: action of the operator before clear_faults, ``''`` for none
@@ -45,7 +45,7 @@ class ForbiddenPower(NamedTuple):
 
 @dataclass
 class RunningRequest:
-    """Request of the operator in progress, with the function that takes its reply."""
+    """Running request of the operator, with the function that receives the reply."""
 
     name: str
     steps: Steps[Any]
@@ -54,18 +54,18 @@ class RunningRequest:
 
     @property
     def request(self) -> Request:
-        """Return the row of the table of requests."""
+        """Return the row of `REQUESTS` for this request."""
         return REQUESTS[self.name]
 
     def reply(self, result: Any) -> None:
-        """End the request with a result, or with the error with which it failed."""
+        """Reply to the request with its result, or with the error that ended it."""
         self.is_done = True
         self.on_reply(result)
 
 
 class DriveController:
     """
-    Controller of three drives on one CAN bus, which one thread uses.
+    Controller of three drives on one CAN bus, used by a single thread.
 
     It owns the axes q1, q2, q3 with their group and targets, the bus, and the request in progress.
     Axes, group and targets are new after each closing of the bus. `request`, `stop` and
@@ -105,7 +105,7 @@ class DriveController:
     def _use(
         self, axes: tuple[Axis, ...], source: Any, guard: Guard | Unguarded
     ) -> None:
-        """Use new axes, without states or positions."""
+        """Replace axes, source and guard; the new axes have no states or positions yet."""
         self.axes = axes
         self.group = Group(axes, self.settings)
         self.targets = TargetSupervisor(self.group, self.settings, source, guard)
@@ -125,11 +125,11 @@ class DriveController:
         return self._publication.newest
 
     def publish_to(self, observe: Callable[[ControllerSnapshot], None]) -> None:
-        """Pass each new snapshot to a function, which must not wait."""
+        """Pass each new snapshot to a function, which must return without waiting."""
         self.observe = observe
 
     def request_realtime(self) -> None:
-        """Request the scheduling of the settings for this process; log what is missing."""
+        """Apply the scheduling settings to this process; log each setting that is rejected."""
         rejected = realtime.request_realtime(self.settings)
         priority = realtime.realtime_priority()
         self._publication.take_scheduling(rejected, priority)
@@ -144,7 +144,7 @@ class DriveController:
 
     def request(self, name: str, on_reply: Callable[[Any], None]) -> None:
         """
-        Begin one of `REQUESTS`.
+        Start a request from `REQUESTS`.
 
         `on_reply` takes its result, or the error with which it failed, and must not wait.
         """
@@ -153,7 +153,7 @@ class DriveController:
 
     def stop(self, cause: str) -> None:
         """
-        Quick stop all axes at once; they stay stopped until the faults are cleared.
+        Quick-stop all axes at once; they stay stopped until clear_faults.
 
         There is no effect before the cycle has started, when no drive has power.
         """
@@ -161,7 +161,7 @@ class DriveController:
 
     def forbid_power(self, cause: str, remedy: str = '') -> None:
         """
-        Stop and power off all drives, which get no power until a call with ``''``.
+        Stop and power off all drives, and forbid power until a call with the cause ``''``.
 
         The drives stop even if the call with ``''`` follows at once. The remedy is the action of
         the operator before clear_faults, ``''`` for none.
@@ -169,7 +169,7 @@ class DriveController:
         self._accept(partial(self._forbid_power, ForbiddenPower(cause, remedy)))
 
     def _accept(self, act: Callable[[], None]) -> None:
-        """Do an input. If it stops the drives, the running request fails before the next input."""
+        """Process an input; if it stops the drives, the running request fails before the next."""
 
         def handle() -> None:
             act()
@@ -181,13 +181,13 @@ class DriveController:
     # --- turns
 
     def turn(self) -> None:
-        """Do one turn: wait for the step of a cycle, do it, and resume the request."""
+        """Wait until a cycle step is due, execute it, and resume the request."""
         self.wait()
         self.step()
 
     def wait(self) -> None:
         """
-        Handle frames until the step of the cycle is due, for 20 ms at most; never raise.
+        Handle frames until the cycle step is due, for at most 20 ms; never raise.
 
         Without a bus it returns at once, and before the start of the cycle after each frame.
         """
@@ -198,11 +198,11 @@ class DriveController:
             self.clock.sleep(self.settings.period)  # a lasting error takes no CPU
 
     def step(self) -> None:
-        """Do the step of the cycle if it is due, and resume the request; never raise."""
+        """Execute the cycle step if it is due, and resume the request; never raise."""
         self._attempt(self._step)
 
     def _attempt(self, act: Callable[[], object]) -> bool:
-        """Return whether a call succeeds; stop the drives after any error."""
+        """Execute a call; stop the drives after an error. Return whether the call succeeded."""
         try:
             act()
         except BusError as error:
@@ -218,7 +218,7 @@ class DriveController:
         return True
 
     def _step(self) -> None:
-        """Do the step of the cycle, resume the request, publish a snapshot that is due."""
+        """Execute the cycle step, resume the request, and publish a snapshot if due."""
         exchange = self.bus.exchange
         has_stepped = exchange is not None and exchange.step()
         self._cut_forbidden_power()
@@ -230,7 +230,7 @@ class DriveController:
             self._collect_garbage()
 
     def _collect_garbage(self) -> None:
-        """Collect garbage once a second, after the commands of a cycle."""
+        """Collect garbage once a second, after the cycle has sent its commands."""
         exchange = self.bus.exchange
         cycles = 0 if exchange is None else exchange.clock.statistics.cycles
         if cycles % self.settings.rate == 0:
@@ -244,7 +244,7 @@ class DriveController:
     # --- the running request
 
     def _begin(self, new: RunningRequest) -> None:
-        """Start a request, or reject it; a request in progress is cancelled."""
+        """Start or reject a request; a started request cancels the running request."""
         if self.is_closed:
             new.reply(DriveStateError('the drive controller is closed'))
             return
@@ -261,7 +261,7 @@ class DriveController:
             self.running = new
 
     def _obstacle(self, new: RunningRequest) -> str:
-        """Return why a request is not possible now, ``''`` if it is."""
+        """Return the reason why a request is impossible now, ``''`` if it is possible."""
         running = self.running
         if running is not None:
             may_interrupt = new.request.interrupts
@@ -276,7 +276,7 @@ class DriveController:
         return ''
 
     def _resume(self, running: RunningRequest) -> None:
-        """Resume a request, or start it; reply when it has ended."""
+        """Start or resume a request; reply when it has ended."""
         try:
             next(running.steps)
         except StopIteration as end:
@@ -287,7 +287,7 @@ class DriveController:
                 raise
 
     def _reply(self, ended: RunningRequest, result: Any) -> None:
-        """Reply to a request with its result or error, and with power and next step."""
+        """Reply to a request with its result or error, the power state and the next step."""
         if self.running is ended:
             self.running = None
         ended.steps.close()
@@ -301,7 +301,7 @@ class DriveController:
         ended.reply(result)
 
     def _explained(self, message: str) -> str:
-        """Return a reply with the present power and next step."""
+        """Return a reply with the present power state and next step added."""
         outcome = outcome_of(self.snapshot())
         power = f'power: {outcome.power}' if self.bus.is_configured else ''
         return outcome.with_next_step(message.rstrip('.'), power)
@@ -309,7 +309,7 @@ class DriveController:
     # --- power
 
     def _stop_for(self, cause: Cause) -> None:
-        """Stop the drives for a cause, if a bus is open."""
+        """Stop the drives for a cause if a bus is open."""
         if self.bus.exchange is not None:  # before its cycle starts, no drive has power
             self.bus.exchange.stop_for(cause)
 
@@ -342,7 +342,7 @@ class DriveController:
             raise DriveStateError(f'{request} is not possible: {reason}')
 
     def without_power(self) -> list[Axis]:
-        """Return the used axes that confirm that they have no power, or have just booted."""
+        """Return the used axes whose drives confirm power off, or have just booted."""
         exchange = self.bus.exchange
         if exchange is None or not exchange.transmitter.sends_heartbeats:
             return []
@@ -354,7 +354,7 @@ class DriveController:
 
     def close_bus(self, without_power: Collection[Axis] = ()) -> None:
         """
-        Close the bus, and forget all drives.
+        Close the bus, and discard the state of all drives.
 
         Axes without power no longer watch this master, so that none reports its loss.
         """
@@ -366,7 +366,7 @@ class DriveController:
         self._use(tuple(renewed), self.targets.source, self.targets.guard)
 
     def lose(self, error: BusError) -> None:
-        """Stop sending, so that the drives stop by themselves; forget their positions."""
+        """Stop sending, so that the drives stop by themselves; discard their positions."""
         self.bus.lose(error.problem)
         for axis in self.axes:  # a drive may restart, and its carriage move, unnoticed
             axis.encoder.distrust()
@@ -376,11 +376,11 @@ class DriveController:
             self.group.stop(cause, self.now)
 
     def refuse_requests(self) -> None:
-        """Accept no further request, after `close`."""
+        """Reject all requests after `close`."""
         self.is_closed = True
 
     def _recover(self, error: Exception) -> None:
-        """Stop the drives for an unexpected error; the loop continues."""
+        """Stop the drives after an unexpected error; the loop continues."""
         cause = Cause(
             f'the control loop failed: {type(error).__name__}: {error}', 'report this'
         )

@@ -1,4 +1,4 @@
-"""Settings of the cycle, its supervision and the time-outs."""
+"""Settings of the cycle, its supervision and its time-outs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no mor
 
 @settings
 class ControllerSettings:
-    """Settings of the cycle, its supervision and the timeouts."""
+    """Settings of the cycle, its supervision and its time-outs."""
 
     rate: int = parameter(
         'Cycles per second; a whole number of milliseconds each',

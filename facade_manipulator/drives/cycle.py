@@ -1,5 +1,5 @@
 """
-Clock of the cycle: when SYNC, step and commands are due, and which cycles were late.
+Clock of the cycle: due times of SYNC, step and commands, and counters of late cycles.
 
 One cycle, with times as shares of the period after its SYNC:
 
@@ -66,7 +66,7 @@ LATE_WINDOW = 500  # cycles over which the share of late cycles is counted
 
 
 class KernelSync:
-    """SYNC of the kernel's broadcast manager; the loop sends only a SYNC that is overdue."""
+    """SYNC sent by the kernel's broadcast manager; the loop sends SYNC only if it is overdue."""
 
     SURPLUS_WINDOW = 1.0  # s, in which surplus SYNCs are counted
 
@@ -79,17 +79,17 @@ class KernelSync:
         self._received: deque[float] = deque()  # SYNCs of the last `SURPLUS_WINDOW` [s]
 
     def start(self, now: float) -> float:
-        """Expect the first SYNC; return when it is overdue [s]."""
+        """Expect the first SYNC; return the time when it becomes overdue [s]."""
         self._newest = now
         return self.next_sync(now)
 
     def next_sync(self, now: float) -> float:
-        """Return when the next SYNC is overdue [s]; it waits for no commands."""
+        """Return when the next SYNC becomes overdue [s]; it does not wait for commands."""
         return self._newest + SYNC_OVERDUE * self._period
 
     def accept_sync(self, time: float) -> bool:
         """
-        Return whether a received SYNC begins a cycle [s]; count a SYNC that is too early.
+        Return whether a SYNC received at a time [s] begins a cycle; count early SYNCs.
 
         `begin` counts the others.
         """
@@ -100,7 +100,7 @@ class KernelSync:
 
     def begin(self, time: float, is_received: bool) -> int:
         """
-        Begin a cycle with a SYNC [s] of the kernel, or with one of the loop if it is overdue.
+        Begin a cycle at a time [s] with a SYNC of the kernel, or of the loop if overdue.
 
         Return the number of skipped periods.
         """
@@ -113,24 +113,24 @@ class KernelSync:
         return 0
 
     def step_due(self, sync_time: float, first_answer: float | None) -> float:
-        """Return the time after which no answer is awaited [s]: the next SYNC does not wait."""
+        """Return the time of the step [s]; it is fixed, because the next SYNC does not wait."""
         return sync_time + ANSWERS_DUE * self._period
 
     def let_sync_wait(self, now: float) -> bool:
-        """Return whether the overdue SYNC may be among frames that are not read yet."""
+        """Return whether the overdue SYNC may be among the unread frames."""
         return now < self._newest + SYNC_MISSING * self._period
 
     def let_step_wait(self, now: float, frame_time: float, due: float) -> bool:
-        """Return whether a step that is due [s] leaves time to read further answers."""
+        """Return whether a step due at a time [s] leaves time to read more answers."""
         return now < due + (COMMANDS_DUE - ANSWERS_DUE) * self._period
 
     def has_time(self, now: float) -> bool:
-        """Return whether the next SYNC is far enough away for all commands."""
+        """Return whether enough time remains before the next SYNC to send all commands."""
         age = (now - self._newest) % self._period
         return age <= COMMANDS_DUE * self._period
 
     def causes(self, bound: int) -> list[Cause]:
-        """Return the causes of a stop: a missing SYNC, and SYNCs of another master."""
+        """Return the causes of a stop: a missing SYNC, or SYNC messages of another master."""
         causes = []
         overdue = self._overdue_in_a_row
         if overdue >= bound:
@@ -155,7 +155,7 @@ class KernelSync:
     @property
     def _surplus(self) -> int:
         """
-        Return how many SYNCs more than those of the kernel were received in `SURPLUS_WINDOW`.
+        Return the number of SYNCs in `SURPLUS_WINDOW` in excess of the kernel's.
 
         The kernel may send a SYNC late and the next SYNC in time. Such a pair is not a surplus,
         because the time since the first SYNC of the window has room for both.
@@ -167,7 +167,7 @@ class KernelSync:
         return max(0, int(following - elapsed / self._period + CYCLE_ROUNDING))
 
     def _count(self, time: float) -> None:
-        """Add a received SYNC to those of the last `SURPLUS_WINDOW`."""
+        """Record a received SYNC, and discard those older than `SURPLUS_WINDOW`."""
         if self._received:  # an earlier time comes from a system clock that was set
             time = max(time, self._received[-1])
         self._received.append(time)
@@ -176,7 +176,7 @@ class KernelSync:
 
 
 class LoopSync:
-    """SYNC of the loop, every period; it waits for late commands."""
+    """SYNC sent by the loop once a period; it waits for late commands."""
 
     waits = True
 
@@ -188,22 +188,22 @@ class LoopSync:
         self._waits_since = math.inf
 
     def start(self, now: float) -> float:
-        """Plan the first SYNC; return when it is due [s]: now."""
+        """Schedule the first SYNC for the present time [s]; return this time."""
         self._next_sync = now
         return now
 
     def next_sync(self, now: float) -> float:
-        """Return when the next SYNC is due [s], at least `MIN_GAP` after commands of now."""
+        """Return the due time of the next SYNC [s], at least `MIN_GAP` after commands sent now."""
         self._next_sync = max(self._next_sync, now + MIN_GAP * self._period)
         return self._next_sync
 
     def accept_sync(self, time: float) -> bool:
-        """Return False: a received SYNC comes from another master."""
+        """Return False, because another master sent this SYNC."""
         return False
 
     def begin(self, time: float, is_received: bool) -> int:
         """
-        Begin a cycle [s]; plan the next SYNC a period later, and at least 0.8 after this SYNC.
+        Begin a cycle at a time [s] and schedule the next SYNC, at least 0.8 periods later.
 
         Return the number of skipped periods.
         """
@@ -218,19 +218,19 @@ class LoopSync:
         return skipped
 
     def step_due(self, sync_time: float, first_answer: float | None) -> float:
-        """Return when no answer is awaited any longer [s]: late without any, as the loop is."""
+        """Return the time of the step [s]; it is late if no drive has answered."""
         if first_answer is None:
             return sync_time + FIRST_ANSWER_DUE * self._period
         due = sync_time + ANSWERS_DUE * self._period
         return max(due, first_answer + OTHERS_DUE * self._period)
 
     def let_sync_wait(self, now: float) -> bool:
-        """Return False: the loop receives no SYNC."""
+        """Return False, because the loop receives no SYNC."""
         return False
 
     def let_step_wait(self, now: float, frame_time: float, due: float) -> bool:
         """
-        Let a step that is due [s] wait for answers that came in time; return whether it waits.
+        Return whether a step due at a time [s] waits for answers that arrived in time.
 
         Such an answer may follow a frame that was received before the step was due. The wait
         begins with the first such frame, and lasts at most a period: frames may arrive faster than
@@ -242,11 +242,11 @@ class LoopSync:
         return now < self._waits_since + self._period
 
     def has_time(self, now: float) -> bool:
-        """Return True: the loop sends SYNC after its commands."""
+        """Return True, because the loop sends SYNC after its commands."""
         return True
 
     def causes(self, bound: int) -> list[Cause]:
-        """Return no cause: a late loop delays its SYNC instead of missing it."""
+        """Return no cause, because a late loop delays its SYNC instead of omitting it."""
         return []
 
 
@@ -258,7 +258,7 @@ SyncSender = KernelSync | LoopSync
 
 
 class CycleCounter:
-    """Counter of late and skipped cycles and of the time held, informed in each cycle."""
+    """Counter of late and skipped cycles, and of the time for which drives hold their targets."""
 
     def __init__(self, period: float) -> None:
         self.statistics = CycleStatistics()
@@ -271,11 +271,11 @@ class CycleCounter:
         self._commanded: float | None = None  # SYNC of the last commands that were sent
 
     def count_skipped(self, periods: int) -> None:
-        """Count periods that have passed without a SYNC."""
+        """Count periods that passed without a SYNC."""
         self.statistics.skipped += periods
 
     def begin_step(self, sync_time: float, age: float, is_complete: bool) -> None:
-        """Count a step that begins at an age of its SYNC [s], with all answers or without."""
+        """Count a step that begins some time after its SYNC [s], with or without all answers."""
         counts = self.statistics
         counts.cycles += 1
         if not is_complete:
@@ -291,7 +291,7 @@ class CycleCounter:
             self.held = max(0, periods - 1) * self._period
 
     def count_late(self, is_withdrawn: bool) -> None:
-        """Count the present cycle as late, once; its commands may be withdrawn."""
+        """Count the present cycle as late, at most once; its commands may be withdrawn."""
         if self._is_late:
             return
         self._is_late = True
@@ -300,12 +300,12 @@ class CycleCounter:
             self.late_in_a_row += 1
 
     def count_commands(self, sync_time: float) -> None:
-        """Record that the commands of the cycle of a SYNC [s] are sent."""
+        """Record that the commands of the cycle that began with a SYNC [s] are sent."""
         self.late_in_a_row = 0
         self._commanded = sync_time
 
     def causes(self, bound: int) -> list[Cause]:
-        """Return the cause of a stop due to `bound` late cycles in a row."""
+        """Return the cause of a stop after `bound` consecutive late cycles."""
         late = self.late_in_a_row
         if late < bound:
             return []
@@ -320,7 +320,7 @@ class CycleCounter:
 
 class CycleClock:
     """
-    Clock of one cycle after another, which the exchange asks and informs.
+    Clock of the cycle, for the exchange.
 
     The exchange calls `start` once. In each cycle it calls `receive` or `begin` with the SYNC,
     `answer` for each drive, `finish` when the step begins, and `finish_commands` when its
@@ -352,11 +352,11 @@ class CycleClock:
 
     @property
     def held(self) -> float:
-        """Return the time beyond a period for which the drives have held their target [s]."""
+        """Return how much longer than a period the drives have held their targets [s]."""
         return self.counter.held
 
     def start(self, now: float) -> None:
-        """Expect the first SYNC of the kernel, or send the first SYNC now, at a time [s]."""
+        """At a time [s], expect the first SYNC of the kernel, or schedule the loop's SYNC."""
         self.sync_time = now
         self.next_event = self.sender.start(now)
 
@@ -364,7 +364,7 @@ class CycleClock:
 
     def accept_sync(self, time: float) -> bool:
         """
-        Return whether a received SYNC at a time [s] begins a cycle, with `receive`.
+        Return whether a SYNC received at a time [s] begins a cycle; then call `receive`.
 
         A SYNC that is too early begins none: the kernel's after an overdue one, or that of another
         master. It is counted, and too many of them are a cause of a stop.
@@ -372,15 +372,15 @@ class CycleClock:
         return self.sender.accept_sync(time)
 
     def receive(self, time: float, stamp: float) -> None:
-        """Begin a cycle with a received SYNC at a time [s]."""
+        """Begin a cycle with a SYNC received at a time [s]."""
         self._begin(time, stamp, is_received=True)
 
     def begin(self, time: float, stamp: float) -> None:
-        """Begin a cycle with a SYNC of the loop, also if the kernel's SYNC is overdue."""
+        """Begin a cycle with a SYNC sent by the loop, also in place of an overdue kernel SYNC."""
         self._begin(time, stamp, is_received=False)
 
     def _begin(self, time: float, stamp: float, is_received: bool) -> None:
-        """Begin a cycle with a SYNC at a time, and a stamp of the system clock [s]."""
+        """Begin a cycle with a SYNC at a time [s] and its stamp on the system clock [s]."""
         self.counter.count_skipped(self.sender.begin(time, is_received))
         self.sync_time = time
         self.sync_stamp = stamp
@@ -390,7 +390,7 @@ class CycleClock:
         self.is_open = True
 
     def _smoothed(self, time: float) -> float:
-        """Return the time of a SYNC without its jitter [s]; a SYNC far from it sets a new time."""
+        """Return the time of a SYNC without jitter [s]; a large deviation restarts the filter."""
         if math.isinf(self.smooth_time):
             return time
         periods = round((time - self.smooth_time) / self.period)
@@ -403,7 +403,7 @@ class CycleClock:
 
     def answer(self, now: float) -> None:
         """
-        Count the answer of a drive to the newest SYNC, read at a time [s].
+        Count a drive's answer to the newest SYNC, read at a time [s].
 
         The last answer makes the step due. An answer after the step is ignored, because the next
         SYNC requests all answers again.
@@ -422,7 +422,7 @@ class CycleClock:
 
     def let_wait(self, now: float, frame_time: float) -> bool:
         """
-        Let a due step or SYNC wait until received frames are read; return whether it waits.
+        Return whether a due step or SYNC waits until received frames are read.
 
         The exchange asks after it has read a frame, which was received at `frame_time` [s]: a SYNC
         or an answer may be among the frames that are not read yet.
@@ -437,7 +437,7 @@ class CycleClock:
 
     def finish(self, now: float) -> bool:
         """
-        Close the cycle when its step begins [s]; return whether its targets may be sent.
+        Close the cycle when its step begins [s]; return whether targets may be sent.
 
         If they may, `finish_commands` decides again when the targets are chosen.
         """
@@ -447,7 +447,7 @@ class CycleClock:
         return self._judge(now)
 
     def finish_commands(self, now: float) -> bool:
-        """Return whether targets that were chosen until now [s] may be sent."""
+        """Return whether targets chosen by the present time [s] may still be sent."""
         may_send = self._judge(now)
         if may_send:
             self.counter.count_commands(self.sync_time)
@@ -455,7 +455,7 @@ class CycleClock:
 
     def _judge(self, now: float) -> bool:
         """
-        Plan the next SYNC, and count a late cycle once.
+        Schedule the next SYNC, and count a late cycle once.
 
         The result is whether targets of a time [s] may be sent.
         """
@@ -466,11 +466,11 @@ class CycleClock:
         return self.sender.waits
 
     def has_time(self, now: float) -> bool:
-        """Return whether commands that are sent now all precede the same SYNC."""
+        """Return whether all commands sent now precede the same SYNC."""
         return self.sender.has_time(now)
 
     def causes(self, bound: int, is_powered: bool) -> list[Cause]:
-        """Return the causes of a stop due to the cycle: a failure that occurred `bound` times."""
+        """Return the causes of a stop: cycle failures that occurred `bound` times."""
         causes = self.sender.causes(bound)
         if is_powered:
             causes = self.counter.causes(bound) + causes

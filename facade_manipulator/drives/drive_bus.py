@@ -1,4 +1,4 @@
-"""CAN bus of the three drives, from its opening to its end."""
+"""CAN bus of the three drives, from opening to closing."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from facade_manipulator.errors import BusError
 
 class DriveBus:
     """
-    Bus that `open_bus` opens, and whether the drives on it are configured.
+    Bus opened by `open_bus`, and whether its drives are configured.
 
     The controller opens, closes and loses it. A lost bus is never opened again by itself: the
     operator requests cleanup, configure and home.
@@ -47,7 +47,7 @@ class DriveBus:
         self._clock = clock
 
     def open(self, group: Group, targets: TargetSupervisor) -> CyclicExchange:
-        """Open the bus and listen without sending; raises a BusError."""
+        """Open the bus and listen without sending; raise a BusError if this fails."""
         bus = self._open_bus()
         realtime.freeze_objects()  # the first, full collection takes longer than a heartbeat
         serials = {axis.settings.serial_number: axis.name for axis in group.axes}
@@ -57,13 +57,13 @@ class DriveBus:
         return self.exchange
 
     def command(self, name: str, axes: Iterable[Axis]) -> None:
-        """Send a network management command to drives; raises a BusError."""
+        """Send a network management command to drives; raise a BusError if this fails."""
         if self.exchange is not None:
             for axis in axes:
                 self.exchange.command(name, axis)
 
     def take_notes(self, notes: Iterable[str]) -> None:
-        """Take notes of configure for the operator."""
+        """Store the notes of configure for the operator."""
         self.notes = tuple(notes)
 
     def confirm_configuration(self) -> None:
@@ -72,12 +72,12 @@ class DriveBus:
         self.unconfirmed = ''
 
     def leave_unconfirmed(self, message: str) -> None:
-        """Record the drives that have not confirmed that their power is off."""
+        """Record the drives that have not confirmed that they are without power."""
         self.unconfirmed = message
 
     def close(self, axes: Iterable[Axis], without_power: Collection[Axis] = ()) -> None:
         """
-        Leave the drives in NMT pre-operational, and close the bus.
+        Put the drives into NMT pre-operational, and close the bus.
 
         Drives without power no longer watch this master, so that none reports its loss. Any other
         drive stops by itself when it misses the heartbeat.

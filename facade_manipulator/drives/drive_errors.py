@@ -1,4 +1,4 @@
-"""Errors and warnings that one drive reports in emergency messages, or only in 603Fh."""
+"""Errors and warnings that one drive reports in emergency messages or in 603Fh."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class DriveErrors:
 
     def receive_emergency(self, frame: Frame) -> Cause | None:
         """
-        Receive an emergency message; return the cause of a stop, None for a warning or a reset.
+        Receive an emergency message; return the cause of a stop, or None if harmless.
 
         A drive that faults in spite of a code that its maker calls a warning shows the fault in
         its statusword.
@@ -53,7 +53,7 @@ class DriveErrors:
         return self._receive(code, meaning)
 
     def receive_code(self, code: int) -> Cause | None:
-        """Receive the error code 603Fh of a drive in fault; return the cause of a stop if new."""
+        """Receive error code 603Fh of a drive in fault; return the cause if the error is new."""
         if code == self.code or is_error_reset(code):
             return None
         return self._receive(code, fault(code, self._meanings))

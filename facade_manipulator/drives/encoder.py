@@ -1,5 +1,5 @@
 """
-Position that a drive sends: its speed, and the detection of encoder faults.
+Encoder position of one drive, its speed, and the detection of encoder faults.
 
 A carriage cannot change its speed faster than its drive allows. Each position is compared with the
 position that the last speed predicts. The difference is a *jump*:
@@ -18,7 +18,7 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 
 
 class Encoder:
-    """Position of one axis; the period is the time between two SYNCs [s]."""
+    """Encoder position of one axis; the period is the time between two SYNC messages [s]."""
 
     JUMP_NOISE = 0.001  # m
     JUMP_MARGIN = 2.0  # of the acceleration that a carriage is allowed
@@ -47,14 +47,14 @@ class Encoder:
         self._is_speed_valid = True  # not if a drive has changed its coordinates
 
     def begin_homing(self) -> None:
-        """Forget home position and errors of earlier positions; trust the drive again."""
+        """Clear the home position and earlier encoder errors, and trust the encoder again."""
         self.homed = False
         self._has_found_home = False
         self._is_trusted = True
         self._slipped = 0.0
 
     def find_home(self) -> None:
-        """Record that the drive has found home, after which its positions are judged."""
+        """Record that the drive has found home; positions are checked from now on."""
         if not self._has_found_home:
             self._has_found_home = True
             self._is_speed_valid = False
@@ -67,7 +67,7 @@ class Encoder:
 
     def distrust(self) -> None:
         """
-        Record that the position is lost until another homing.
+        Mark the position as lost until the axis is homed again.
 
         The reason is a jump, a restart, an error that loses it, silence, a lost bus, or a drive
         that differs.
@@ -109,7 +109,7 @@ class Encoder:
 
     def _jump_bound(self, expected: float, elapsed: float) -> float:
         """
-        Return the largest jump of an encoder that works [m].
+        Return the largest position jump that a working encoder can show [m].
 
         Both speeds are means over their intervals, so that they may differ by the acceleration
         during the mean of both intervals.
@@ -123,7 +123,7 @@ class Encoder:
         )
 
     def _judge(self, jump: float, bound: float) -> str:
-        """Return why the position is distrusted after a jump [m], or ``''``."""
+        """Return the reason why a jump [m] makes the position invalid, or ``''``."""
         if jump > self.DOUBTFUL * bound:
             self._slipped += jump
         if not self.homed and not self._has_found_home:

@@ -1,5 +1,5 @@
 """
-Cyclic exchange on an open bus: receive, supervise, step and command, once per SYNC.
+Cyclic exchange on an open bus: receive, supervise, step and command once per SYNC.
 
 One cycle, in the order of the methods (`cycle` shows its times, and the two senders of SYNC):
 
@@ -39,7 +39,7 @@ Route = tuple[int, Receiver]
 
 class CyclicExchange:
     """
-    Cyclic exchange with three drives, on a bus that it owns.
+    Cyclic exchange with three drives on the bus that this object owns.
 
     Its owner calls `wait` and `step` in turn. Sending and receiving raise a BusError if the bus is
     lost.
@@ -76,7 +76,7 @@ class CyclicExchange:
         bus.listen_to(tuple(self._routes))
 
     def _all_routes(self) -> dict[int, Route]:
-        """Return the receivers of other masters and drives, by COB-ID."""
+        """Return the functions that receive frames of drives and other masters, by COB-ID."""
         node_ids = [axis.settings.node_id for axis in self.group.axes]
         routes: dict[int, Route] = {}
         for cob_id, receive in self.masters.receivers(node_ids).items():
@@ -93,7 +93,7 @@ class CyclicExchange:
         return routes
 
     def start(self, now: float) -> None:
-        """Start SYNC at a time [s], and send the commands of the group in each cycle."""
+        """Start SYNC at a time [s]; from then on, send the group's commands in each cycle."""
         self.has_started = True
         self._pumped = now
         self.masters.start()
@@ -109,7 +109,7 @@ class CyclicExchange:
 
     def wait(self) -> None:
         """
-        Handle frames until the step is due, for `LONGEST_WAIT` at most.
+        Handle frames until the step is due, for at most `LONGEST_WAIT`.
 
         Before the start of the cycle the method returns after each frame, because a request may
         wait for it.
@@ -120,7 +120,7 @@ class CyclicExchange:
             self._pump(end)
 
     def _pump(self, end: float) -> None:
-        """Wait for the next frame or deadline, until a time [s] at most; handle the frame."""
+        """Wait for the next frame or deadline, at most until a time [s]; handle the frame."""
         deadline = min(end, self.transmitter.next_heartbeat, self.clock.next_event)
         frame = self.bus.receive(deadline - self._time.monotonic())
         now = self._time.monotonic()
@@ -138,7 +138,7 @@ class CyclicExchange:
             self._advance(frame, now)
 
     def _judge_pause(self, pause: float, now: float) -> None:
-        """Stop the drives after a long pause of this loop [s], until a time [s]."""
+        """Stop the drives if this loop pauses for too long [s]."""
         limit = self._settings.heartbeat_timeout
         if pause > self.EXCUSING_PAUSE * limit:
             # the drives are not silent, because their frames still wait
@@ -152,7 +152,7 @@ class CyclicExchange:
             self.stop_for(Cause(message, Remedy.COMPUTER))
 
     def _dispatch(self, frame: Frame) -> None:
-        """Pass a frame to its receiver, and stop the drives if that returns a cause."""
+        """Pass a frame to its receiver; stop the drives if the receiver returns a cause."""
         least_length, receive = self._routes.get(frame.cob_id, self._IGNORED)
         if len(frame.data) >= least_length:
             cause = receive(frame)
@@ -198,7 +198,7 @@ class CyclicExchange:
         return cause
 
     def _advance(self, frame: Frame | None, now: float) -> None:
-        """Note the due step or send the due SYNC, unless more frames must be read first."""
+        """Mark the step as due or send the due SYNC, unless more frames must be read first."""
         clock = self.clock
         if self._waits_for_sync:
             self._send_commands(now)
@@ -218,7 +218,7 @@ class CyclicExchange:
     # --- step: supervision, states, targets and commands
 
     def step(self) -> bool:
-        """Do the step of the cycle if it is due; return whether it was."""
+        """Execute the cycle step if it is due; return whether it was due."""
         if not self._is_due:
             return False
         self._is_due = False
@@ -229,7 +229,7 @@ class CyclicExchange:
         return True
 
     def _step(self, now: float) -> None:
-        """Supervise, step the states and send the commands of a cycle at a time [s]."""
+        """Supervise the drives, advance the group, and send a cycle's commands at a time [s]."""
         may_send = self.clock.finish(now)
         self._supervise(now)
 
@@ -243,7 +243,7 @@ class CyclicExchange:
                 self.command('STOPPED', axis)  # it moves or keeps its power
 
     def _supervise(self, now: float) -> None:
-        """Supervise the drives, their targets and the cycle; stop the group for a failure."""
+        """Supervise drives, targets and cycle; stop the group after a failure."""
         group = self.group
         may_rest = not group.is_ramping or self._targets.source.at_rest
         for axis in group.axes:
@@ -253,7 +253,7 @@ class CyclicExchange:
             group.stop(cause, now)
 
     def _failures(self) -> list[Cause]:
-        """Return the causes of a stop: silent drives and, unless stopped, the cycle."""
+        """Return the causes of a stop: silent drives and, unless stopped, cycle failures."""
         group = self.group
         is_running = group.state is not GroupState.STOPPED
         causes = []
@@ -267,7 +267,7 @@ class CyclicExchange:
 
     def _silences(self) -> list[Cause]:
         """
-        Return the causes of newly silent drives: one cause for the bus if all are silent.
+        Return one cause for each newly silent drive, or a cause for the bus if all are silent.
 
         The age of frames counts until the last frame that was read: others may wait to be read.
         A silent drive may have restarted unnoticed, also while the drives are stopped.
@@ -290,7 +290,7 @@ class CyclicExchange:
         return causes
 
     def _command_targets(self, now: float) -> None:
-        """Choose the targets and send the commands; withdraw targets that are too late."""
+        """Choose targets and send the commands; withdraw targets that are too late."""
         self._targets.command(self.clock, now)
         chosen = self._time.monotonic()
         may_send = self.clock.finish_commands(chosen)
@@ -301,7 +301,7 @@ class CyclicExchange:
 
     def _send_commands(self, now: float) -> None:
         """
-        Send the commands of all drives between the same two SYNCs; a restarted drive gets none.
+        Send all commands between the same two SYNCs; skip a drive that has restarted.
 
         Shortly before the time of the kernel's SYNC the commands wait, and `_advance` tries again.
         Otherwise one drive might latch its command a period before the others. Only commands of
@@ -320,7 +320,7 @@ class CyclicExchange:
 
     def stop_for(self, cause: Cause) -> None:
         """
-        Stop the drives, with a command at once instead of at the end of the cycle.
+        Stop the drives with a command that is sent at once, not at the end of the cycle.
 
         Before the start of the cycle there is no effect.
         """
@@ -331,6 +331,6 @@ class CyclicExchange:
                 self._send_commands(self._time.monotonic())
 
     def command(self, name: str, axis: Axis) -> None:
-        """Send a network management command to a drive, as soon as the send queue has room."""
+        """Send a network management command to a drive when the send queue has room."""
         axis.expect(name)
         self.transmitter.command(name, axis.settings.node_id)

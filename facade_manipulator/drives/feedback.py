@@ -1,5 +1,5 @@
 """
-Feedback of one drive: the newest values of its TPDOs, and its condition at the end of a cycle.
+Feedback of one drive: the newest TPDO values, and its condition at the end of a cycle.
 
 A value that was never received is None.
 """
@@ -28,7 +28,7 @@ MEASURED_OBJECTS = (
 
 class ProcessData:
     """
-    Newest values of the TPDOs of one drive, by the index of their object.
+    Newest TPDO values of one drive, by object index.
 
     Measured quantities are in SI units, with the direction of the axis.
     """
@@ -44,18 +44,18 @@ class ProcessData:
         self._values: dict[int, Any] = {}
 
     def get(self, index: int, default: Any = None) -> Any:
-        """Return the newest value of an object, or a default if it was never received."""
+        """Return the newest value of an object, or the default before the first value."""
         return self._values.get(index, default)
 
     def receive(self, tpdo: Pdo, data: bytes) -> tuple[Any, ...]:
-        """Store the values of a TPDO; return them in the units of the drive."""
+        """Store the values of a TPDO; return them in drive units."""
         raw = tpdo.codec.unpack_from(data)  # a drive may pad the frame
         values = map(mul, raw, self._units[tpdo.name])
         self._values.update(zip(tpdo.indices, values, strict=True))
         return raw
 
     def receive_speed(self, speed: float) -> None:
-        """Store a speed from positions [m/s] for a drive that sends no velocity."""
+        """Store a speed computed from positions [m/s], for a drive that sends no velocity."""
         if not self._sends_velocity:
             self._values[indices.ACTUAL_VELOCITY] = speed
 
@@ -110,7 +110,7 @@ class Feedback:
         self.disobedience = self._disobedience() if is_enabled else ''
 
     def _disobedience(self) -> str:
-        """Return why the enabled drive does not obey, ``''`` if it does."""
+        """Return the reason why the enabled drive does not obey, ``''`` if it does."""
         follows = self.statusword & Status.DRIVE_FOLLOWS or self._quirks.never_follows
         is_remote = bool(self.statusword & Status.REMOTE)
         was_remote = self._was_remote

@@ -1,5 +1,5 @@
 """
-Group of the three axes: common power-on, and a common stop after any fault.
+Group of the three axes: power on together, and stop together after any fault.
 
 How requests, plans, homing and the cycle act on the group:
 
@@ -77,37 +77,37 @@ class Group:
 
     @property
     def is_stopped(self) -> bool:
-        """Return whether a cause has stopped the drives and was not cleared yet."""
+        """Return whether the drives are stopped by a cause that is not yet cleared."""
         return self.state is GroupState.STOPPED and bool(self.causes)
 
     @property
     def has_stopped(self) -> bool:
-        """Return whether the drives have had the time and the commands to stop."""
+        """Return whether the drives have received the commands to stop and had time to stop."""
         return self.state is GroupState.STOPPED and len(self._plan) == 1
 
     @property
     def reason(self) -> str:
-        """Return the message of the first cause, '' for none."""
+        """Return the message of the first cause, ``''`` without a cause."""
         return self.causes[0].message if self.causes else ''
 
     @property
     def severest_cause(self) -> Cause | None:
-        """Return the cause with a sufficient remedy: one that requires configure, or the first."""
+        """Return the first cause that requires configure, or the first cause if none does."""
         return min(self.causes, key=lambda one: not one.configure_again, default=None)
 
     def has_done(self, *states: GroupState) -> bool:
-        """Return whether all drives have reached one of these states of the group."""
+        """Return whether all drives have reached one of the given states of the group."""
         return self.state in states and self.is_settled
 
     # --- requests
 
     def start(self, now: float) -> None:
-        """Switch the drives off, and supervise them from a time [s]."""
+        """Switch the drives off, and begin supervision at a time [s]."""
         self._begin(plans.OFF, now)
 
     def enable(self, now: float) -> None:
         """
-        Power on, hold, then follow targets; after a halt only follow again.
+        Power on, hold, then follow targets; after a halt, only resume following.
 
         Raises a DriveStateError unless all drives are switched off or halted.
         """
@@ -123,7 +123,7 @@ class Group:
 
     def home(self, now: float) -> None:
         """
-        Power on in homing mode, home, power off.
+        Power on in homing mode, home, then power off.
 
         Raises a DriveStateError unless all drives are switched off.
         """
@@ -134,7 +134,7 @@ class Group:
 
     def disable(self, now: float) -> None:
         """
-        Come to rest, then power off.
+        Bring the carriages to rest, then power off.
 
         Raises a DriveStateError unless targets are commanded.
         """
@@ -142,7 +142,7 @@ class Group:
         self._begin(plans.DISABLE, now)
 
     def halt(self, now: float) -> bool:
-        """Begin `plans.halt_plan`; return whether carriages come to rest, except by a stop."""
+        """Begin `plans.halt_plan`; return whether the carriages come to rest without a stop."""
         plan = plans.halt_plan(self._plan[0], self.is_confirmed)
         if plan is not None:
             self._begin(plan, now)
@@ -151,7 +151,7 @@ class Group:
 
     def reset(self, now: float) -> None:
         """
-        Begin to clear the faults, after which the power is off or the group stopped again.
+        Begin to clear the faults; afterwards the group is without power, or stopped again.
 
         Raises a DriveStateError if the carriages have not stopped yet, and the errors of
         `require_resettable`.
@@ -164,7 +164,7 @@ class Group:
 
     def require_resettable(self) -> None:
         """
-        Require that the faults may be cleared after the carriages have stopped.
+        Raise an error unless the carriages have stopped and the faults may be cleared.
 
         Raises a DriveStateError if there is no stop to clear, or the drives must be configured
         again.
@@ -177,7 +177,7 @@ class Group:
             )
 
     def stop(self, cause: Cause, now: float) -> None:
-        """Quick stop all axes and stay stopped; the first cause is kept, later ones are added."""
+        """Quick-stop all axes and keep them stopped; add the cause to earlier causes."""
         first = self.causes[:1]
         further = self.causes[1:]
         if any(
@@ -196,7 +196,7 @@ class Group:
             self._begin(plans.STOP_AXES, now)
 
     def cut_power(self, now: float) -> None:
-        """Cut the power when all carriages are at rest; the end state is stopped."""
+        """Cut the power once all carriages are at rest; the group remains stopped."""
         is_off = self.state is GroupState.INACTIVE
         self._begin(plans.CUT_POWER if is_off else plans.STOP_AND_CUT_POWER, now)
 
@@ -204,7 +204,7 @@ class Group:
 
     def step(self, now: float) -> None:
         """
-        Command the drives according to their newest feedback at a time [s].
+        Command the drives according to their newest feedback, at a time [s].
 
         A drive in fault, in an unexpected state or late stops all three in this step. No behaviour
         of a drive raises an error.
@@ -234,7 +234,7 @@ class Group:
             axis.output.take(AxisCommand(controlword, self._mode))
 
     def _due_rank(self) -> int:
-        """Return the rank that homes now, the lowest with an axis not homed; 0 for none."""
+        """Return the lowest homing rank with an axis that is not homed; 0 if all are homed."""
         if self.state is not GroupState.HOMING:
             return 0
         ranks = []
@@ -244,7 +244,7 @@ class Group:
         return min(ranks, default=0)
 
     def _supervise(self, now: float) -> None:
-        """Advance when all drives have completed the present step; stop if a drive fails."""
+        """Begin the next step when all drives have completed this step; stop if a drive fails."""
         failures: dict[str, str] = {}
         is_done = True
         due = self._due_rank()
@@ -262,7 +262,7 @@ class Group:
 
     @staticmethod
     def _advance_homing(axis: Axis, due: int) -> str:
-        """Advance the homing of an axis if its rank is due; return its failure, or ``''``."""
+        """Advance an axis whose homing rank is due; return the reason of a failure, or ``''``."""
         homing = axis.homing
         if homing is None:
             return ''
@@ -274,7 +274,7 @@ class Group:
         return ''
 
     def _evaluate(self, axis: Axis, now: float) -> tuple[str, bool]:
-        """Return the failure of a drive, ``''`` for none, and whether it has done the step."""
+        """Return the failure of a drive, or ``''``, and whether it has completed the step."""
         step = self._plan[0]
         drive = axis.feedback
         state = decode_state(drive.statusword)
@@ -302,7 +302,7 @@ class Group:
         ), False
 
     def _disobedience(self, drive: Feedback, has_mode: bool) -> str:
-        """Return why an enabled drive fails before the time of the step ends, ``''`` if not."""
+        """Return why an enabled drive fails before the step times out, ``''`` if it obeys."""
         if self.follows and drive.statusword & Status.FOLLOWING_ERROR:
             return 'is farther behind its target than the following-error window, bit 13 is 1'
         is_enabled = decode_state(drive.statusword) is State.OPERATION_ENABLED
@@ -313,7 +313,7 @@ class Group:
 
     def _fail(self, name: str, failure: str, now: float) -> None:
         """
-        Stop all axes for a drive that fails, or cut the power if it does not obey the stop.
+        Stop all axes after a drive failed; cut the power if the drive does not obey the stop.
 
         Of drives that fail in one cycle, the first is the cause.
         """
@@ -332,7 +332,7 @@ class Group:
     def _require(
         self, request: str, is_possible: bool, is_settled: bool = False
     ) -> None:
-        """Raise a DriveStateError if a request is impossible, or must wait for a step."""
+        """Raise a DriveStateError if a request is impossible, or must wait until a step ends."""
         if not is_possible:
             reason = f': {self.reason}' if self.causes else ''
             raise DriveStateError(
@@ -345,7 +345,7 @@ class Group:
             )
 
     def _begin(self, plan: Plan, now: float) -> None:
-        """Begin the first step of a plan at a time [s], with its command to all axes."""
+        """Begin the first step of a plan at a time [s], and command all axes."""
         step = plan[0]
         self._plan = plan
         self.state = step.state

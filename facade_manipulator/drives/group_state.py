@@ -1,4 +1,4 @@
-"""States of the group of axes, which the steps of a plan lead through."""
+"""States of the group of axes; the steps of a plan lead from state to state."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import Enum
 
 
 class GroupState(Enum):
-    """State of the group; the operator reads its value as the state of the controller."""
+    """State of the group; its value is shown to the operator as the controller state."""
 
     INACTIVE = 'inactive'  #: without power
     HOMING = 'homing'
@@ -21,7 +21,7 @@ class GroupState(Enum):
 
     @property
     def has_power(self) -> bool:
-        """Return whether the drives are meant to have power."""
+        """Return whether the drives should have power in this state."""
         return self in _WITH_POWER
 
 

@@ -1,5 +1,5 @@
 """
-Guard of the mechanism: the last check of carriage positions before the bus.
+Guard of the mechanism: the last check of carriage positions before they reach the bus.
 
 It is independent of the solver in ik_service, and answers four questions:
 
@@ -30,7 +30,7 @@ GEOMETRY_ROUNDING = 1e-6  # m
 
 class MechanismCheck:
     """
-    Check that the mechanism closes at carriage positions and respects its limits.
+    Check that the links close at given carriage positions, within the mechanism's limits.
 
     The check covers stroke, carriage gap, closure of both links on the machine's branch, and N >
     0. Ik_service checks the conditioning of the pose.
@@ -71,7 +71,7 @@ class MechanismCheck:
 
     def __call__(self, *path: PerCarriage) -> None:
         """
-        Check positions as `exact` does, in a tenth of its time.
+        Check carriage positions as `exact` does, in a tenth of the time.
 
         Positions in a box of carriage distances in which the mechanism closes, and inside the
         stroke, pass without further computation. All others are near a limit, and are checked
@@ -93,7 +93,7 @@ class MechanismCheck:
 
 class Guard:
     """
-    Guard of one mechanism.
+    Last check of carriage positions before they reach the bus.
 
     Each check raises a LimitError with the violated limit, or a ParameterError for a position that
     is not finite.
@@ -134,7 +134,7 @@ class Guard:
 
     def check_homing(self, positions: PerCarriage, homed: tuple[bool, ...]) -> None:
         """
-        Check that carriages keep their distance while they home, at positions [m].
+        Check that the carriages keep their distances at positions [m] during homing.
 
         A carriage that is not homed has no known position. Neighbours are checked when both are
         homed, the whole mechanism when all three carriages are homed.
@@ -160,7 +160,7 @@ class Guard:
                 )
 
     def allowed_speed(self, *path: PerCarriage) -> float:
-        """Return the speed that is allowed at all positions (q1, q2, q3) [m] of a path [m/s]."""
+        """Return the speed [m/s] allowed at every carriage position (q1, q2, q3) [m] of a path."""
         left = self._left + min([q3 - q1 for q1, _, q3 in path])
         right = self._right + min([q2 - q3 for _, q2, q3 in path])
         return self._separation.speed(min(left, right))
@@ -168,7 +168,7 @@ class Guard:
 
 class Unguarded:
     """
-    Guard of carriages whose mechanism is not known, such as those without links.
+    Guard of carriages without a known mechanism, for example without links.
 
     It has no `allowed_speed`, for which only a `SetpointFollower` asks.
     """
@@ -180,7 +180,7 @@ class Unguarded:
         """Accept all measured positions [m]."""
 
     def check_homing(self, positions: PerCarriage, homed: tuple[bool, ...]) -> None:
-        """Accept all positions while the carriages home [m]."""
+        """Accept all positions [m] during homing."""
 
 
 UNLIMITED_STROKE = 50.0  # m, a stroke that limits no mechanism
@@ -194,7 +194,7 @@ INTERIOR_POINTS = 20
 @lru_cache
 def _closing_box(geometry: Geometry) -> tuple[float, float, float, float]:
     """
-    Return minimum and maximum of q1 - q3 and q2 - q3 [m] between which the mechanism closes.
+    Return the minimum and maximum of q1 - q3 and q2 - q3 [m] at which the links close.
 
     The largest box is searched whose border and interior pass the exact check. The distances at
     which the mechanism closes form one region without holes, so that the border decides. A
@@ -215,7 +215,7 @@ def _closing_box(geometry: Geometry) -> tuple[float, float, float, float]:
     spacing = step / BORDER_POINTS
 
     def closes(near: float, far: float) -> bool:
-        """Return whether the mechanism closes in a box, from both gaps to distances [m]."""
+        """Return whether the links close in a box from both gaps to the given distances [m]."""
         size = far - near
         side = [near + size * share for share in _shares(round(size / spacing))]
         coarse = [near + size * share for share in _shares(INTERIOR_POINTS)]
@@ -248,5 +248,5 @@ def _closing_box(geometry: Geometry) -> tuple[float, float, float, float]:
 
 
 def _shares(count: int) -> list[float]:
-    """Return the shares 0 to 1 of equal intervals."""
+    """Return equally spaced values from 0 to 1."""
     return [number / count for number in range(count + 1)]

@@ -1,5 +1,5 @@
 """
-Homing of an axis (mode 6): rise of bit 4, and success or failure according to the statusword.
+Homing of an axis (mode 6): set bit 4, then read the result from the statusword.
 
 A drive that was homed before still shows "homing attained". Success therefore counts only if
 the bit was seen clear first, and a homing error only once the drive has had time to take it back.
@@ -27,7 +27,7 @@ METHODS_AT_PRESENT_POSITION = frozenset({35, 37})
 
 
 class HomingBounds:
-    """Bounds of the homing of one axis; the period is that of the cycle [s]."""
+    """Limits for the homing of one axis; `period` is the cycle period [s]."""
 
     HOME_NOISE = 0.001  # m, where it looks for a switch or a stop
 
@@ -54,7 +54,7 @@ class HomingBounds:
 
 class Homing:
     """
-    Homing of one axis; axes of one rank home together, lower ranks first.
+    Homing of one axis; axes of the same rank home together, lower ranks first.
 
     The group calls `watch` while other ranks home, and then `advance` in each cycle.
     """
@@ -85,12 +85,12 @@ class Homing:
         self._cycles_elsewhere = 0  # with success at another position
 
     def watch(self, statusword: int) -> None:
-        """Record before the start whether the success of an earlier homing is still shown."""
+        """Record, before the start, whether the drive still reports an earlier success."""
         self._seen_clear = not statusword & Status.HOMING_ATTAINED
 
     def advance(self, statusword: int, counts: int) -> str:
         """
-        Return the reason of a failure from the statusword and position [counts] of a cycle.
+        Evaluate statusword and position [counts] of a cycle; return the reason of a failure.
 
         The reason is ``''`` for no failure. The reasons are a homing error of the drive, success
         at a position other than the home position, and a timeout.
@@ -123,17 +123,17 @@ class Homing:
 
     @property
     def _has_settled(self) -> bool:
-        """Return whether the drive has had the time to take an earlier outcome back."""
+        """Return whether the drive has had time to clear the result of an earlier homing."""
         return self._cycles > SETTLING_CYCLES
 
     def _count_rest(self, counts: int) -> None:
-        """Count the cycles in a row in which the counts hardly change."""
+        """Count consecutive cycles in which the position [counts] hardly changes."""
         is_still = abs(counts - self._counts) <= self._bounds.most_at_rest
         self._counts = counts
         self._cycles_at_rest = self._cycles_at_rest + 1 if is_still else 0
 
     def _shows_success(self, statusword: int) -> bool:
-        """Return whether a statusword shows the end of homing without an error."""
+        """Return whether a statusword reports that homing ended without an error."""
         if self._needs_bit_10:
             return statusword & self._OUTCOME == self._SUCCESS
         is_at_rest = self._cycles_at_rest >= SETTLING_CYCLES
@@ -141,7 +141,7 @@ class Homing:
         return outcome == Status.HOMING_ATTAINED and is_at_rest
 
     def _failure(self, statusword: int) -> str:
-        """Return the reason of a failure of a drive that shows no success, or ``''``."""
+        """Return the reason of the failure of a drive that reports no success, or ``''``."""
         if statusword & Status.HOMING_ERROR and self._has_settled:
             failure = 'homing failed, the drive reports a homing error'
         elif self._cycles > self._bounds.most_cycles:

@@ -1,4 +1,4 @@
-"""NMT state of one drive: commanded by this master, and shown by the drive's heartbeats."""
+"""NMT state of one drive: commanded by this master, and reported in heartbeats."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class NodeMonitor:
         self._encoder = encoder
 
     def expect(self, state: str) -> None:
-        """Expect an NMT state that this master commands."""
+        """Record the NMT state that this master commands."""
         if state != self.commanded:
             self._expected = {self.commanded, state}
         self.commanded = state
 
     def count_boot_ups(self) -> None:
-        """Count boot-up messages from 0."""
+        """Reset the number of boot-up messages."""
         self.boot_ups = 0
 
     def receive_heartbeat(self, frame: Frame, may_have_power: bool) -> Cause | None:

@@ -1,4 +1,4 @@
-"""Another master on the bus, which is detected by the frames that only a master sends."""
+"""Detection of another master on the bus from the frames that only a master sends."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Receiver = Callable[[Frame], Cause | None]
 
 class OtherMasters:
     """
-    Detection of other masters, which receives their frames from the exchange.
+    Detector of other masters, which receives their frames from the exchange.
 
     This master does not receive its own frames, except the SYNC of its kernel. Until the cycle
     starts, a frame of a master raises a BusError. Afterwards a frame that commands drives is the
@@ -32,7 +32,7 @@ class OtherMasters:
         self._has_local_sync = False  # whether our SYNC returns marked as sent here
 
     def receivers(self, node_ids: Iterable[int]) -> dict[int, Receiver]:
-        """Return the receivers of all frames that only a master sends, by COB-ID."""
+        """Return the function that receives each frame of a master, by COB-ID."""
         nodes = tuple(node_ids)
         found: dict[int, Receiver] = {}
         for cob_id, (name, commands_drives) in cob_ids.frames_of_masters(nodes).items():
@@ -49,7 +49,7 @@ class OtherMasters:
 
     def _receive(self, name: str, commands_drives: bool, _: Frame) -> Cause | None:
         """
-        Return the cause of a stop for a frame of another master, None for a harmless one.
+        Return the cause of a stop for a frame of another master; None if the frame is harmless.
 
         Raises a BusError before the start of the cycle.
         """
@@ -61,7 +61,7 @@ class OtherMasters:
         return Cause(message, Remedy.OTHER_MASTER)
 
     def _receive_sdo_request(self, node: int, frame: Frame) -> Cause | None:
-        """Return the cause of a stop for a write; reading changes nothing."""
+        """Return the cause of a stop if an SDO request of another master writes."""
         writes = is_write(frame.data)
         name = f'an SDO {"write" if writes else "request"} to node {node}'
         return self._receive(name, writes, frame)
@@ -69,7 +69,7 @@ class OtherMasters:
     # --- SYNC
 
     def _receive_sync(self, frame: Frame) -> Cause | None:
-        """Record a SYNC before the start, which a drive may have sent."""
+        """Record a SYNC received before the start; a drive may have sent it."""
         if not self._has_started:
             self._has_received_sync = True
             if self._accepts_sync:
@@ -77,12 +77,12 @@ class OtherMasters:
         return self.receive_foreign_sync(frame)
 
     def receive_foreign_sync(self, frame: Frame) -> Cause | None:
-        """Return the cause of a stop for a SYNC that is not ours."""
+        """Return the cause of a stop if this master did not send the SYNC."""
         return self._receive(_SYNC_NAME, True, frame)
 
     def expect_sync(self, is_expected: bool) -> None:
         """
-        Expect SYNC of a drive until the start, or no SYNC.
+        Set whether a drive is expected to send SYNC before the start.
 
         Raises a BusError if SYNC was received that no drive has sent.
         """
@@ -91,16 +91,16 @@ class OtherMasters:
             raise _in_use_error(_SYNC_NAME)
 
     def forget_sync(self) -> None:
-        """Forget the SYNC that was received from drives, before configure ended it."""
+        """Forget each SYNC that drives sent before configure ended it."""
         self._has_received_sync = False
 
     def note_own_sync(self, frame: Frame) -> None:
-        """Note that SocketCAN marks our SYNC, once a SYNC has the mark."""
+        """Record that SocketCAN marks our SYNC messages, once a marked SYNC is received."""
         self._has_local_sync = self._has_local_sync or frame.is_local
 
     def is_foreign_sync(self, frame: Frame) -> bool:
         """
-        Return whether a SYNC is not that of our kernel.
+        Return whether another node has sent a SYNC.
 
         Our SYNC has no data. Where SocketCAN marks it as sent on this computer, a SYNC without
         this mark is foreign. Elsewhere the clock counts the SYNCs that are too many.
@@ -110,7 +110,7 @@ class OtherMasters:
 
 
 def _in_use_error(name: str) -> BusError:
-    """Return the error of a bus on which another master has sent a frame."""
+    """Return the error for a bus on which another master has sent a frame."""
     return BusError(
         f'another master uses this bus: {name} was received; end that master (a second '
         'driver, a configuration tool), or open another bus'

@@ -1,5 +1,5 @@
 """
-Outcome of the driver: state, activity, cause, next step, power and level, and their words.
+Outcome of the driver in words: state, activity, cause, next step, power and level.
 
 Driver/status, /diagnostics, the log and the replies to requests use these words.
 """
@@ -21,7 +21,7 @@ ERRORS = (ControllerState.STOPPED, ControllerState.BUS_LOST, ControllerState.LOS
 
 
 class NodeProblems(NamedTuple):
-    """Problems that only the node detects, ``''`` for none."""
+    """Problems that only the node detects; ``''`` means no problem."""
 
     last_failure: str = ''  #: message of the last request if it failed
     fault: str = ''  #: second publisher of a topic, with its next step
@@ -29,7 +29,7 @@ class NodeProblems(NamedTuple):
 
 
 class DriverOutcome(NamedTuple):
-    """State of the driver for the operator; each change is published, changed counters are not."""
+    """State of the driver for the operator, which is published when it changes."""
 
     state: str
     activity: str  #: of the carriages while the state is active, such as ``'holding'``
@@ -40,7 +40,7 @@ class DriverOutcome(NamedTuple):
     message: str  #: state, most severe problem and next step
 
     def with_next_step(self, text: str, *more: str) -> str:
-        """Return a text, and more texts with their own next steps, with the next step."""
+        """Join a text and further texts that contain next steps with this next step."""
         step = f'{NEXT}{self.next_step}' if self.next_step else ''
         return joined(text, *more, step)
 
@@ -55,7 +55,7 @@ def outcome_of(
     problems: NodeProblems = NO_PROBLEMS,
 ) -> DriverOutcome:
     """
-    Return the outcome of a snapshot.
+    Return the driver's outcome for a snapshot.
 
     The problem in the message is the cause of a stop, a fault of the graph, the reason that
     forbids power, or the last failed request and an overload. The next step is that of the state.
@@ -99,7 +99,7 @@ MAX_LATE_SHARE = 0.005
 
 
 def overload(snapshot: ControllerSnapshot) -> str:
-    """Return a warning if the computer is too slow for the cycle, else ``''``."""
+    """Return a warning if the computer is too slow for the cycle, or ``''``."""
     share = snapshot.cycle.late_share
     if share <= MAX_LATE_SHARE:
         return ''

@@ -1,4 +1,4 @@
-"""Output to one drive: its command and target, and the RPDOs with both."""
+"""Output to one drive: its command, its target, and the RPDOs that contain them."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ class Output:
         self._toggled_bit = 0
 
     def take(self, command: AxisCommand) -> None:
-        """Take the command of a cycle."""
+        """Set the command for this cycle."""
         self.command = command
 
     def aim_at(self, counts: int) -> None:
-        """Take the target of a cycle [counts]."""
+        """Set the target for this cycle [counts]."""
         self.target = counts
 
     @property
     def holds_target(self) -> bool:
-        """Return whether the drive holds its target with power."""
+        """Return whether the drive has power and holds its target."""
         return _holds_target(self.command)
 
     def frames(self, command: AxisCommand) -> list[tuple[int, bytes]]:
@@ -54,7 +54,7 @@ class Output:
         return frames
 
     def _bit_4(self, command: AxisCommand) -> int:
-        """Return bit 4 of the controlword for a drive that needs it to take each target."""
+        """Return controlword bit 4; some drives need this bit to accept each target."""
         if self._cyclic_bit_4 == 'clear' or not _holds_target(command):
             return 0
         if self._cyclic_bit_4 == 'toggled':
@@ -64,7 +64,7 @@ class Output:
 
 
 def _holds_target(command: AxisCommand) -> bool:
-    """Return whether a drive with a command holds its target with power."""
+    """Return whether a drive with this command has power and holds its target."""
     is_cyclic = command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION
     is_enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
     return is_cyclic and is_enabled

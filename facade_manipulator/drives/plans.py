@@ -1,5 +1,5 @@
 """
-Steps that lead the group of axes from one state to the next, as tables.
+Tables of the steps that lead the group of axes from one state to the next.
 
 All three drives must have completed a step before any drive receives the next.
 """
@@ -13,7 +13,7 @@ from facade_manipulator.drives.states import Controlword, Mode, State
 
 
 class Step(NamedTuple):
-    """Step with a controlword, and the CiA 402 states of a drive that has received it."""
+    """Step: a controlword, and the CiA 402 states that drives reach after this command."""
 
     state: GroupState  #: of the group during the step
     purpose: str  #: completes the message "q2 did not …"
@@ -156,7 +156,7 @@ RESET = (
 
 
 def enable_plan(hold_cycles: int) -> Plan:
-    """Return the plan that powers on, holds for a number of cycles, and follows targets."""
+    """Return the plan: power on, hold for a number of cycles, then follow targets."""
     hold = _FOLLOW._replace(
         state=GroupState.ACTIVATING, purpose='hold', min_cycles=hold_cycles
     )
@@ -173,7 +173,7 @@ GIVE_UP_ENABLING = (OFF[0]._replace(state=_END, min_cycles=4), *OFF)
 
 def halt_plan(step: Step, is_confirmed: bool) -> Plan | None:
     """
-    Return the plan of a halt during a step; None if the present plan continues.
+    Return the plan that halts during a step; None if the present plan continues.
 
     Only after a confirmed activation do the carriages hold with power. Otherwise the halt cancels
     a homing or an activation, and powers the drives off. A plan that already ends so continues,

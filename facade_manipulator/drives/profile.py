@@ -1,5 +1,5 @@
 """
-Drive types as data: process data, written objects, homing methods, units and quirks.
+Drive profiles: process data, written objects, homing methods, units and quirks.
 
 Another CiA 402 drive needs a file in ``config/drives`` and no code.
 """
@@ -27,7 +27,7 @@ _BOOLEAN = (False, True)
 
 
 class InputPolarity(NamedTuple):
-    """Object that inverts digital inputs: its bit n + shift inverts bit n of 60FDh."""
+    """Object that inverts digital inputs: bit n + shift inverts bit n of 60FDh."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
@@ -35,7 +35,7 @@ class InputPolarity(NamedTuple):
 
 
 class ProfileObject(NamedTuple):
-    """Object to write: `value` is a number or one of `QUANTITIES`."""
+    """Object to write; `value` is a number or the name of one of `QUANTITIES`."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
@@ -76,7 +76,7 @@ _ALLOWED: dict[str, Sequence[Any]] = {
 
 @dataclass(frozen=True)
 class DriveProfile:
-    """Drive type, read from its profile."""
+    """Drive type as described by its profile."""
 
     name: str  #: name of the profile's file without its ending
     eds: Path  #: its electronic data sheet
@@ -102,28 +102,28 @@ class DriveProfile:
 
     @property
     def tpdos(self) -> tuple[Pdo, ...]:
-        """Return the process data that the drive sends."""
+        """Return the PDOs that the drive sends."""
         return tuple(one for one in self.pdos if one.is_transmitted)
 
     @property
     def rpdos(self) -> tuple[Pdo, ...]:
-        """Return the process data that the drive receives."""
+        """Return the PDOs that the drive receives."""
         return tuple(one for one in self.pdos if not one.is_transmitted)
 
     def location(self, quantity: str) -> tuple[int, int] | None:
-        """Return index and subindex of the object for a quantity, None for no object."""
+        """Return index and subindex of the object with a quantity, None without such an object."""
         return next((item[:2] for item in self.objects if item.value == quantity), None)
 
     @property
     def heartbeat_consumer(self) -> tuple[int, int]:
-        """Return index and subindex of the object that supervises the master's heartbeat."""
+        """Return index and subindex of the object that monitors the master's heartbeat."""
         return self.location('master_heartbeat') or (
             indices.CONSUMER_HEARTBEAT_TIME,
             1,
         )
 
     def applied(self, axis: AxisSettings) -> AxisSettings:
-        """Return the settings of an axis with units, encoder and identity of its drive type."""
+        """Return the settings of an axis with units, encoder and identity of its drive added."""
         return replace(
             axis,
             velocity_unit=self.velocity_unit,
@@ -139,7 +139,7 @@ def quantities(
     motor_speed_unit: str | None = None,
 ) -> dict[str, int]:
     """
-    Return the values that a profile may write, by name, in the units of the drive.
+    Return the values that a profile may write, by name and in drive units.
 
     The axis has the units of the drive's profile; that of 6080h is the velocity unit by default.
     """
@@ -176,7 +176,7 @@ def quantities(
 
 def _units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
     """
-    Return a speed or acceleration of an axis times a share, in units of the drive.
+    Return a share of an axis's speed or acceleration, in drive units.
 
     `name` is an attribute of the settings [m/s or m/s²]. For an acceleration, the velocity unit of
     `axis` is the drive's acceleration unit times a second. Raises a ParameterError below one unit,
@@ -200,7 +200,7 @@ _ALLOWED['value'] = QUANTITIES
 
 def load_profile(name: str) -> DriveProfile:
     """
-    Return a profile: a file in ``config/drives`` without its ending, or a path with it.
+    Return the profile with a name in ``config/drives`` (without extension), or at a path.
 
     The EDS is in the same folder. Raises a ParameterError with file and entry if the file is
     missing or invalid.
@@ -234,7 +234,7 @@ def load_profile(name: str) -> DriveProfile:
 
 
 def fitting_profile(vendor_id: int | None, product_code: int | None) -> str:
-    """Return the name of the profile that fits a drive best: by product, then by maker."""
+    """Return the name of the best profile for a drive: by product code, else by vendor id."""
     names = sorted(path.stem for path in config_path('drives').glob('*.yaml'))
     of_product: dict[tuple[int | None, int | None], str] = {}
     for name in names:
@@ -248,7 +248,7 @@ def fitting_profile(vendor_id: int | None, product_code: int | None) -> str:
 
 @lru_cache(maxsize=8)  # each of the three axes asks twice, and YAML takes 30 ms
 def _parse(name: str, path: Path, text: str) -> DriveProfile:
-    """Return the profile in the text of a file; raises many errors for a wrong text."""
+    """Return the profile described by the text of a file; malformed text raises various errors."""
     data = _table(
         'the profile',
         read_value(text),
@@ -284,12 +284,12 @@ def _parse(name: str, path: Path, text: str) -> DriveProfile:
 
 
 def _record(kind: Any, data: Any) -> Any:
-    """Return the named tuple of a table that has its fields as entries."""
+    """Return a named tuple whose fields are the entries of a table."""
     return kind(**_table(kind.__name__, data, kind._fields))
 
 
 def _table(where: str, data: Any, names: Collection[str]) -> dict[str, Any]:
-    """Return the entries of a table; raise an error for an unknown name or a wrong value."""
+    """Return the entries of a table; raise an error for an unknown name or an invalid value."""
     if not isinstance(data, dict):
         raise TypeError(f'{where} is {data!r}, not a table')
     for name, value in data.items():
@@ -304,7 +304,7 @@ _NUMBER = range(-(2**31), 2**32)
 
 
 def _checked(name: str, value: Any) -> Any:
-    """Return the value of an entry; raise a ValueError if the value is not allowed."""
+    """Return the value of an entry; raise a ValueError for an invalid value."""
     allowed = _ALLOWED.get(name, (value,))
     if name == 'value' and type(value) is int:
         allowed = _NUMBER
@@ -319,7 +319,7 @@ def _checked(name: str, value: Any) -> Any:
 
 
 def _pdos(data: Any) -> tuple[Pdo, ...]:
-    """Return the PDOs of a table, which must carry the objects that every drive needs."""
+    """Return the PDOs in a table; raise an error if a necessary object is missing."""
     content = _table('pdos', data, pdo.PDO_NAMES)
     _require_objects(
         'RPDO', content, possible=pdo.COMMAND_OBJECTS, needed=pdo.COMMAND_OBJECTS
@@ -340,7 +340,7 @@ def _require_objects(
     needed: Set[int],
 ) -> None:
     """
-    Require that the PDOs of a kind carry all needed indices of objects, and only possible ones.
+    Require that the PDOs of one kind map all needed objects, and only permitted objects.
 
     The kind is ``'RPDO'`` or ``'TPDO'``; `content` has the indices by the name of the PDO. Raises
     a ValueError.

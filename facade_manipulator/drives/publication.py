@@ -1,5 +1,5 @@
 """
-Snapshots of a controller: what they show, and when they are due.
+Snapshots of a controller: their contents, and when they are due.
 
 The state shown is that of the group, of the running request, or of the bus.
 """
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 class Publication:
     """
-    Newest snapshot of a controller, which replaces it up to 100 times a second.
+    Newest snapshot of a controller, renewed up to 100 times a second.
 
     The controller asks in each turn whether a snapshot is due, and also renews it in each new
     state and when a request ends.
@@ -44,7 +44,7 @@ class Publication:
         self._priority: int | None = None
 
     def take_scheduling(self, rejected: Sequence[str], priority: int | None) -> None:
-        """Take the rejected real-time settings and the priority of the thread."""
+        """Store the rejected real-time settings and the thread's priority."""
         self._rejected = tuple(rejected)
         self._priority = priority
 
@@ -54,7 +54,7 @@ class Publication:
         return state is not self.newest.state or self._is_time(controller)
 
     def _is_time(self, controller: DriveController) -> bool:
-        """Return whether it is time: at a share of the cycles, or of the time without cycles."""
+        """Return whether enough cycles have passed, or enough time without cycles."""
         age = controller.now - self._renewed_at
         exchange = controller.bus.exchange
         if exchange is None:
@@ -90,7 +90,7 @@ class Publication:
 
 
 def _axes(controller: DriveController) -> tuple[AxisSnapshot, ...]:
-    """Return the snapshots of the axes; behind a lost bus all values are old at once."""
+    """Return the axis snapshots; after the loss of the bus, all values count as old."""
     targets = controller.targets.positions or (None,) * 3
     snapshots = []
     for axis, target in zip(controller.axes, targets, strict=True):
@@ -102,7 +102,7 @@ def _axes(controller: DriveController) -> tuple[AxisSnapshot, ...]:
 
 
 def present_state(controller: DriveController) -> ControllerState:
-    """Return the state of the group, of the running request, or of the bus."""
+    """Return the state of the running request, of the group, or of the bus."""
     if controller.is_closed:
         return ControllerState.CLOSED
     bus = controller.bus
@@ -127,7 +127,7 @@ NEXT_STEPS = {
 
 
 def _next_step(controller: DriveController, state: ControllerState) -> str:
-    """Return the requests after which the drives follow setpoints, '' if they already do."""
+    """Return the requests before setpoints are followed, ``''`` if they already are."""
     forbidden = controller.forbidden
     cause = controller.group.severest_cause
     if cause is not None and controller.group.is_stopped:

@@ -1,5 +1,5 @@
 """
-Timing of a process: scheduling, memory, CPU and garbage collection.
+Real-time behaviour of a process: scheduling, memory, CPU and garbage collection.
 
 A request that the system rejects is reported with the setting that grants it; the process runs
 without it.
@@ -40,7 +40,7 @@ _log = logging.getLogger(__name__)
 
 def request_realtime(settings: ControllerSettings) -> list[str]:
     """
-    Request priority, locked memory and CPU of the settings; return a message for each rejection.
+    Apply the settings of priority, locked memory and CPU; return a message for each rejection.
 
     The priority is that of all threads of this process, the CPU that of the calling thread and of
     threads that it starts later.
@@ -70,7 +70,7 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
 
 
 def _rejection(request: Callable[[], None], message: str) -> list[str]:
-    """Do a request to the system; return the message if it is rejected, else nothing."""
+    """Execute a request to the system; return a message if the system rejects it, or ''."""
     try:
         request()
     except (OSError, ValueError) as error:
@@ -99,7 +99,7 @@ KILL_TIME = 3  # s without a pause, after which the kernel kills the process
 
 def set_priority(priority: int) -> None:
     """
-    Give a SCHED_FIFO priority to all threads of this process, but to none that they start.
+    Give all present threads of this process a SCHED_FIFO priority that new threads do not inherit.
 
     All threads wait for the lock of the interpreter, so that a thread without priority would
     delay the others. Raises an OSError if the system does not permit it, and a ValueError outside
@@ -118,7 +118,7 @@ def set_priority(priority: int) -> None:
 
 
 def _schedule(policy: int, priority: int) -> None:
-    """Give a policy and a priority to all threads of this process."""
+    """Apply a scheduling policy and priority to all threads of this process."""
     for thread in os.listdir('/proc/self/task'):
         with suppress(ProcessLookupError):  # the thread has just ended
             os.sched_setscheduler(
@@ -129,12 +129,12 @@ def _schedule(policy: int, priority: int) -> None:
 
 
 def clear_priority() -> None:
-    """Return all threads of this process to the normal scheduler."""
+    """Return all threads of this process to normal scheduling."""
     _schedule(os.SCHED_OTHER, 0)
 
 
 def _give_up_priority(*_: object) -> None:
-    """Return to the normal scheduler after `LONGEST_RUN` without a pause."""
+    """Return to normal scheduling after `LONGEST_RUN` without a pause."""
     clear_priority()
     _log.error(
         'this process ran for %d s without a pause and gave up its real-time priority; '
@@ -147,7 +147,7 @@ _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 
 def _lock_memory() -> None:
-    """Keep in memory each page that this process uses, from its first use."""
+    """Lock each memory page of this process when the page is first used."""
     flags = _MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT
     if ctypes.CDLL(None, use_errno=True).mlockall(flags):
         code = ctypes.get_errno()
@@ -155,7 +155,7 @@ def _lock_memory() -> None:
 
 
 def realtime_priority() -> int:
-    """Return the real-time priority of the calling thread, 0 for none."""
+    """Return the real-time priority of the calling thread, 0 without real-time scheduling."""
     return os.sched_getparam(0).sched_priority
 
 
@@ -165,7 +165,7 @@ _SWITCH_INTERVAL = 0.0005
 
 def take_over_collector() -> None:
     """
-    Disable automatic garbage collection, which `freeze_objects` and `collect_garbage` replace.
+    Disable automatic garbage collection; `freeze_objects` and `collect_garbage` replace it.
 
     Threads then take turns more often than by default, because the control loop must get the
     interpreter within a fraction of its period.
@@ -182,6 +182,6 @@ def freeze_objects() -> None:
 
 
 def collect_garbage() -> None:
-    """Collect the garbage since the last collection, in the slack of a cycle."""
+    """Collect new garbage in the idle time of a cycle."""
     if not gc.isenabled():
         gc.collect()

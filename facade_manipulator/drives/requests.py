@@ -1,5 +1,5 @@
 """
-Requests of an operator: nine generator functions and their table.
+Requests of the operator: nine generator functions and their table.
 
 The controller begins a generator between two cycles and resumes it in each turn of the control
 loop. Its return value is the reply. A ManipulatorError is the reply of a failure; before the first
@@ -56,7 +56,7 @@ def configure(controller: DriveController) -> Steps[str]:
 
 def home(controller: DriveController) -> Steps[str]:
     """
-    Power on in homing mode, home rank after rank, and power off.
+    Power on in homing mode, home the axes in order of their ranks, and power off.
 
     After a failure the axes that have found home are homed. After a cancellation none is.
     """
@@ -89,7 +89,7 @@ def home(controller: DriveController) -> Steps[str]:
 
 
 def activate(controller: DriveController) -> Steps[str]:
-    """Power the drives if the carriages are homed and inside limits, then follow targets."""
+    """Require homed carriages inside their limits, power the drives on, then follow targets."""
     group = controller.group
     controller.require_power_allowed('activate')
     if group.state is GroupState.INACTIVE:
@@ -112,14 +112,14 @@ def activate(controller: DriveController) -> Steps[str]:
 
 
 def deactivate(controller: DriveController) -> Steps[str]:
-    """Come to rest on the path, then power off."""
+    """Brake to rest on the path, then power off."""
     controller.group.disable(controller.now)
     yield from until(controller, GroupState.INACTIVE)
     return 'The carriages are at rest.'
 
 
 def halt(controller: DriveController) -> Steps[str]:
-    """Come to rest on the path and hold; a homing or an activation is cancelled."""
+    """Brake to rest on the path and hold; cancel a running homing or activation."""
     group = controller.group
     before = group.state
     running = controller.running
@@ -137,7 +137,7 @@ def halt(controller: DriveController) -> Steps[str]:
 
 
 def clear_faults(controller: DriveController) -> Steps[str]:
-    """End a halt, or prove that the drives are as configured and reset their faults."""
+    """End a halt, or verify the configuration of the drives and reset their faults."""
     group = controller.group
     reason = group.reason
     if group.state is GroupState.HALTED:
@@ -174,7 +174,7 @@ def clear_faults(controller: DriveController) -> Steps[str]:
 
 def self_test(controller: DriveController) -> Steps[dict[str, str]]:
     """
-    Check identity, units and objects of all drives, and write no object.
+    Check identity, units and objects of all drives without writing.
 
     Return the problem of each axis by its name, ``''`` for none.
     """
@@ -182,7 +182,7 @@ def self_test(controller: DriveController) -> Steps[dict[str, str]]:
         raise DriveStateError('self_test is not possible while the drives have power')
 
     def find_problem(drive: SdoAccess) -> Steps[str]:
-        """Return the problem of a drive, ``''`` for none."""
+        """Return the problem of a drive, ``''`` without a problem."""
         try:
             yield from drive.prove()
         except DriveError as error:
@@ -202,7 +202,7 @@ def cleanup(controller: DriveController) -> Steps[str]:
 
 
 def close(controller: DriveController) -> Steps[str]:
-    """Power off in order, or stop the drives if that fails; then close the bus."""
+    """Ramp down and power off, or stop the drives if this fails; then close the bus."""
     group = controller.group
     end = controller.now + ORDERLY_STOP_TIMEOUT
     if group.state.has_power:
@@ -222,7 +222,7 @@ def close(controller: DriveController) -> Steps[str]:
 
 
 class Request(NamedTuple):
-    """Request: its generator function, and the state of the controller while it runs."""
+    """Request: its generator function, and the controller state while the request runs."""
 
     run: Callable[[DriveController], Steps[Any]]
     state: ControllerState

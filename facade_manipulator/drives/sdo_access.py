@@ -1,5 +1,5 @@
 """
-SDO access to one drive: its identity, configuration, use and power.
+SDO access to one drive: identity, configuration, use by others, and power.
 
 The methods of `SdoAccess` that use objects are generators, which yield while they wait for the
 drive. They raise a DriveError that names the drive and its failure, or a BusError if the bus is
@@ -39,7 +39,7 @@ IS_OPERATIONAL = 'is operational'  # use of a drive by another master, or by its
 
 
 class DriveSteps:
-    """Steps of one drive, with their result or error after the end."""
+    """Sequence of steps for one drive, with the result or error of the sequence."""
 
     def __init__(self, steps: Steps[Any]) -> None:
         self.is_done = False
@@ -48,7 +48,7 @@ class DriveSteps:
         self._result: Any = None
 
     def resume(self) -> None:
-        """Resume the steps until they wait again or end; `result` raises their error."""
+        """Run the steps until they wait again or end; `result` raises their error."""
         if self.is_done:
             return
         try:
@@ -62,19 +62,19 @@ class DriveSteps:
             self.is_done = True
 
     def result(self) -> Any:
-        """Return the result of steps that are done, or raise their error."""
+        """Return the result of completed steps, or raise their error."""
         if self.error is not None:
             raise self.error
         return self._result
 
     def close(self) -> None:
-        """End the steps where they wait."""
+        """Cancel the steps at the point where they wait."""
         self._steps.close()
 
 
 class SdoAccess:
     """
-    Objects of one drive, the facts that they show, and the steps that use them.
+    Objects of one drive, facts read from these objects, and the steps that use them.
 
     The total time of the answers to `begin` is limited, so that a slow drive fails like a silent
     one. Raises a ParameterError if the profile contradicts the settings of the axis.
@@ -106,14 +106,14 @@ class SdoAccess:
     def connect(
         self, bus: CanBus, name: str, clock: Clock, serials: dict[int, str]
     ) -> None:
-        """Use the objects of the drive on a bus; `serials` maps serial numbers to axes."""
+        """Use the objects of the drive on a bus; `serials` maps serial numbers to axis names."""
         node_id = self._axis.node_id
         self._objects = SdoChannel(bus, node_id, name, self._profile.eds, clock)
         self._serials = serials
 
     @property
     def objects(self) -> SdoChannel:
-        """Return the objects of the drive; raises a BusError before a bus is open."""
+        """Return the objects of the drive; raise a BusError before a bus is open."""
         if self._objects is None:
             raise BusError(f'the bus of {self._title} is not open; next: configure')
         return self._objects
@@ -121,14 +121,14 @@ class SdoAccess:
     # --- steps in progress
 
     def begin(self, steps: Steps[Any], deadline: float) -> DriveSteps:
-        """Begin steps that send no request after a time [s]; return them."""
+        """Begin and return steps that send no request after a deadline [s]."""
         self.objects.limit_time(deadline)
         self._steps = DriveSteps(steps)
         self._steps.resume()
         return self._steps
 
     def receive(self, frame: Frame) -> None:
-        """Receive an answer of the drive, and resume the steps that wait for it."""
+        """Receive an answer of the drive, and resume the waiting steps."""
         self.objects.receive(frame)
         self.resume()
 
@@ -138,7 +138,7 @@ class SdoAccess:
             self._steps.resume()
 
     def end(self) -> None:
-        """End the steps in progress, if any."""
+        """Cancel the steps in progress, if any."""
         if self._steps is not None:
             self._steps.close()
         self._steps = None
@@ -146,13 +146,13 @@ class SdoAccess:
     # --- identity, configuration, power
 
     def identify(self) -> Steps[None]:
-        """Check the identity, and store the serial number."""
+        """Check the identity of the drive, and store its serial number."""
         self.serial_number = yield from check_identity(
             self.objects, self._axis, self._serials
         )
 
     def configure(self) -> Steps[list[str]]:
-        """Write and prove all objects; return notes of skipped objects and missing checks."""
+        """Write and verify all objects; return notes about skipped objects and missing checks."""
         notes = yield from self.sync.end(self.objects)
         notes += yield from apply(self.objects, self._writes)
         problems = yield from self._unit_conflicts()
@@ -169,12 +169,12 @@ class SdoAccess:
         return notes
 
     def _unit_conflicts(self) -> Steps[list[str]]:
-        """Return the units of the drive that differ from the settings of the axis."""
+        """Describe the drive units that differ from the axis settings."""
         conflicts = yield from unit_conflicts(self.objects.read_optional, self._axis)
         return [f'{self._title}: {problem}' for problem in conflicts]
 
     def prove(self) -> Steps[None]:
-        """Check identity, units and objects, and write no object."""
+        """Check identity, units and objects without writing."""
         yield from self.identify()
         compared = yield from check(self.objects, self._writes)
         problems = yield from self._unit_conflicts()
@@ -184,7 +184,7 @@ class SdoAccess:
 
     def use(self) -> Steps[str]:
         """
-        Return a use of the drive that this driver has not commanded, ``''`` for none.
+        Return how another program uses the drive, ``''`` if it does not.
 
         Another master may send seldom or never, but the state of the drive shows it. A drive that
         this driver has left behind watches its heartbeat (1016h), misses it, and has stopped.
@@ -220,13 +220,13 @@ class SdoAccess:
         return ''
 
     def _starts_itself(self) -> Steps[bool]:
-        """Return whether the drive becomes operational without a command after its boot-up."""
+        """Return whether the drive becomes operational after boot-up without a command."""
         startup = yield from self.objects.read_optional(indices.NMT_STARTUP, 0)
         is_stored = startup is not None and not startup & nmt.WAITS_FOR_START
         return self._profile.quirks.starts_itself or is_stored
 
     def switch_off(self) -> Steps[State | None]:
-        """Switch the drive off; return its state, None without an answer."""
+        """Switch the drive off; return its state, or None without an answer."""
         with suppress(
             DriveError, BusError
         ):  # a drive that does not answer is asked once more
@@ -235,7 +235,7 @@ class SdoAccess:
         return (yield from self._state())
 
     def _state(self) -> Steps[State | None]:
-        """Return the state of the drive, None without a timely answer or a valid state."""
+        """Return the state of the drive, or None without a timely and valid answer."""
         try:
             word = yield from self.objects.read_number(indices.STATUSWORD)
         except (DriveError, BusError):

@@ -1,4 +1,4 @@
-"""Steps of cleanup and close: cut the power, require confirmation, close the bus."""
+"""Steps of cleanup and close: cut the power, wait for confirmation, close the bus."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def cut_power_and_close(controller: DriveController) -> Steps[str]:
 
 
 def _close_unconfigured(controller: DriveController) -> str:
-    """Close the bus; raise the DriveError of an earlier cleanup that could not confirm."""
+    """Close the bus; raise the DriveError if an earlier cleanup could not confirm power off."""
     controller.close_bus(controller.without_power())
     if controller.bus.unconfirmed:
         raise DriveError(controller.bus.unconfirmed)
@@ -61,7 +61,7 @@ def _close_unconfigured(controller: DriveController) -> str:
 
 
 def _unconfirmed(controller: DriveController, since: float) -> list[Axis]:
-    """Return the axes that have not confirmed since a time [s] that they have no power."""
+    """Return the axes whose drives have not confirmed power off since a time [s]."""
     unsure = []
     for axis in controller.axes:
         has_answered = axis.answers.newest > since
@@ -72,7 +72,7 @@ def _unconfirmed(controller: DriveController, since: float) -> list[Axis]:
 
 def _switch_off(controller: DriveController, unsure: list[Axis]) -> Steps[list[Axis]]:
     """
-    Switch off through SDO; return the axes that have still not confirmed that they have no power.
+    Switch drives off through SDO; return the axes that still do not confirm power off.
 
     PDOs may not reach the drives, and stopped ones have no SDO.
     """

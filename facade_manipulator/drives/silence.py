@@ -1,4 +1,4 @@
-"""Silence of one drive: answers to SYNC or heartbeats that are missing for too long."""
+"""Detection of a silent drive: missing answers to SYNC, or missing heartbeats."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from facade_manipulator.drives.snapshot import Cause, Remedy
 
 class Silence:
     """
-    Supervision of one drive with its answers and heartbeats.
+    Supervisor of one drive's answers and heartbeats.
 
     The exchange asks for a `new_cause` of a stop in each cycle, after `begin`. A snapshot asks for
     the `cause` at any time after the first heartbeat. Times are on the monotonic clock [s].
@@ -38,7 +38,7 @@ class Silence:
         self._may_miss = False
 
     def begin(self, now: float) -> None:
-        """Treat silence as a fault from a time on [s]."""
+        """Treat silence as a fault from a time [s]."""
         self._since = now
         self.is_lost = False
 
@@ -51,11 +51,11 @@ class Silence:
         self._since = now
 
     def excuse_answers(self) -> None:
-        """Excuse missing answers until the next answer: the NMT state is about to change."""
+        """Excuse missing answers until the next answer, because the NMT state will change."""
         self._may_miss = True
 
     def lose(self) -> None:
-        """Record that the drive was silent, after which no further silence is new."""
+        """Record that the drive was silent; do not report its silence again."""
         self.is_lost = True
 
     def cause(self, now: float) -> Cause | None:
@@ -86,7 +86,7 @@ class Silence:
 
     def new_cause(self, now: float) -> Cause | None:
         """
-        Return the cause of a stop if the drive is silent at a time [s], None if it is lost.
+        Return the cause of a new silence at a time [s], None for a drive already lost.
 
         A drive in an NMT state other than operational answers no SYNC.
         """

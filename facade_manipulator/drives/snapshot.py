@@ -1,5 +1,5 @@
 """
-Immutable snapshot of the controller and its drives at one cycle.
+Immutable snapshot of the controller and its drives in one cycle.
 
 `ControllerState` is between the lifecycle (ROS) and the statusword (CiA 402).
 """
@@ -22,7 +22,7 @@ from facade_manipulator.drives.states import (
 
 class ControllerState(Enum):
     """
-    State that the operator reads: that of the group, of a request or of the bus.
+    State shown to the operator: of the group, of a request or of the bus.
 
     The controller holds these three separately, and publishes one of them (`publication`).
     """
@@ -51,12 +51,12 @@ class ControllerState(Enum):
 
     @property
     def is_active(self) -> bool:
-        """Return whether the drives follow setpoints, or begin or end to follow them."""
+        """Return whether the drives follow setpoints, or begin or stop following them."""
         return self in _ACTIVE
 
     @property
     def has_power(self) -> bool:
-        """Return whether the drives are meant to have power."""
+        """Return whether the drives should have power in this state."""
         return self in _ACTIVE or self is ControllerState.HOMING
 
 
@@ -72,7 +72,7 @@ _ACTIVE = frozenset(
 
 
 class Remedy:
-    """Actions that several causes share: the operator does them before any request."""
+    """Actions shared by several causes; the operator performs them before any request."""
 
     BUS = 'check the CAN bus, wait until it is back'
     TRACKING = 'check load, drive and controller.drive_lag of the carriage that lags'
@@ -85,7 +85,7 @@ class Remedy:
 
 @dataclass(frozen=True)
 class Cause:
-    """Cause of a stop of the group."""
+    """Cause that stops the group."""
 
     message: str  #: what happened
     remedy: str = 'remove the cause'  #: may be one of `Remedy`
@@ -98,7 +98,7 @@ class Cause:
     is_requested: bool = False  #: whether a supervisor has requested the stop
 
     def next_step(self, is_homed: bool) -> str:
-        """Return the action of the operator, then the names of the requests in their order."""
+        """Return the operator's action, followed by the requests in order."""
         requests = f'clear_faults, {"" if is_homed else "home, "}activate'
         if self.configure_again:
             requests = 'cleanup, configure, home, activate'
@@ -122,7 +122,7 @@ class CycleStatistics:
 
 
 class JointStates(NamedTuple):
-    """State of the three carriages at one SYNC."""
+    """Measured state of the three carriages at one SYNC."""
 
     stamp: float  #: time of the SYNC on the system clock [s]
     positions: Sequence[float]  #: [m]
@@ -131,7 +131,7 @@ class JointStates(NamedTuple):
 
 
 class AxisSnapshot(NamedTuple):
-    """State of one axis in SI units; a value that was never received is None."""
+    """State of one axis in SI units; None marks a value that was never received."""
 
     name: str
     node_id: int
@@ -153,12 +153,12 @@ class AxisSnapshot(NamedTuple):
 
     @property
     def state(self) -> State | None:
-        """Return the CiA 402 state, None if the statusword has no valid state."""
+        """Return the CiA 402 state, None if the statusword encodes no valid state."""
         return None if self.statusword is None else decode_state(self.statusword)
 
     @property
     def power(self) -> Power:
-        """Return whether the motor has power: off only if the drive confirms it at present."""
+        """Return the power state of the motor: off only while the drive confirms it."""
         if self.is_silent or self.state is None:
             return Power.UNKNOWN
         is_off = self.state in UNPOWERED_STATES
@@ -166,7 +166,7 @@ class AxisSnapshot(NamedTuple):
 
 
 class ControllerSnapshot(NamedTuple):
-    """State of the controller and its axes at one cycle."""
+    """State of the controller and its axes in one cycle."""
 
     state: ControllerState
     stamp: (
@@ -186,7 +186,7 @@ class ControllerSnapshot(NamedTuple):
 
     @property
     def cause(self) -> str:
-        """Return why the drives are stopped, ``''`` if they are not."""
+        """Return the reason why the drives are stopped, ``''`` if they are not stopped."""
         return self.causes[0].message if self.causes else ''
 
     @property
@@ -196,7 +196,7 @@ class ControllerSnapshot(NamedTuple):
 
     @property
     def power(self) -> str:
-        """Return the power of the drives in words, of each drive unless all are equal."""
+        """Return the power state of the drives in words, of each drive if they differ."""
         powers = {axis.name: axis.power.value for axis in self.axes}
         if len({*powers.values()}) == 1:
             return self.axes[0].power.value
@@ -204,7 +204,7 @@ class ControllerSnapshot(NamedTuple):
 
     def joints(self) -> JointStates | None:
         """
-        Return the joint states, None unless all axes are homed and answer.
+        Return the joint states; None unless all axes are homed and answer.
 
         The counts of an encoder that was not homed are not a carriage position.
         """
@@ -227,7 +227,7 @@ class ControllerSnapshot(NamedTuple):
         )
 
     def component_states(self) -> tuple[Any, ...]:
-        """Return the values that determine levels and messages of the bus and of each axis."""
+        """Return the values from which levels and messages of bus and axes are derived."""
         axes = [
             (axis.state, axis.homed, axis.error_code, axis.is_silent, axis.warning)
             for axis in self.axes

@@ -1,4 +1,4 @@
-"""Steps of configure: listen, reset, configure and start the drives, and start the cycle."""
+"""Steps of configure: listen, reset and configure the drives, start them and the cycle."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def require_unused(
     controller: DriveController, exchange: CyclicExchange
 ) -> Steps[None]:
     """
-    Listen to the bus without a frame to change it; leave drives of another master unchanged.
+    Listen to the bus without changing it; do not touch the drives of another master.
 
     Raises a BusError for a frame of another master, a DriveStateError for a drive in use.
     """
@@ -53,7 +53,7 @@ LONGEST_LISTENING = 5.0  # s, for a guarding or a SYNC of a drive with a long pe
 
 
 def _listen(exchange: CyclicExchange, seconds: float) -> Steps[None]:
-    """Receive the frames of a time [s], which raise a BusError if a master sends them."""
+    """Receive frames for a time [s]; raise a BusError if a master sends one of them."""
     end = exchange.read_until + min(seconds, LONGEST_LISTENING)
     while exchange.read_until < end:
         yield
@@ -62,7 +62,7 @@ def _listen(exchange: CyclicExchange, seconds: float) -> Steps[None]:
 def require_end_of_sync(
     controller: DriveController, exchange: CyclicExchange
 ) -> Steps[None]:
-    """Listen until no drive sends SYNC; a SYNC of another master raises a BusError."""
+    """Listen until no drive sends SYNC; raise a BusError for the SYNC of another master."""
     exchange.masters.forget_sync()
     exchange.masters.expect_sync(False)
     producers = [axis.sdo.sync for axis in controller.axes if axis.sdo.sync.is_found]
@@ -74,7 +74,7 @@ def require_end_of_sync(
 
 
 def prepare(controller: DriveController, exchange: CyclicExchange) -> Steps[list[str]]:
-    """Reset, identify, write, prove and start all drives; return notes for the operator."""
+    """Reset, identify, configure, verify and start all drives; return notes for the operator."""
     failure = None
     notes: list[list[str]] = []
     for axis in controller.axes:
@@ -100,7 +100,7 @@ def prepare(controller: DriveController, exchange: CyclicExchange) -> Steps[list
 
 
 def _reset(controller: DriveController, exchange: CyclicExchange) -> Steps[None]:
-    """Reset all drives, so that no old state is left, and wait for their boot-up messages."""
+    """Reset all drives, so that no earlier state remains, and wait for their boot-up messages."""
     controller.bus.command('RESET', controller.axes)
     boot_times = [axis.profile.quirks.boot_time for axis in controller.axes]
     yield from until_all(
@@ -115,7 +115,7 @@ def _reset(controller: DriveController, exchange: CyclicExchange) -> Steps[None]
 
 
 def start_nodes(controller: DriveController) -> Steps[None]:
-    """Start all nodes; only the heartbeat of a drive proves that it is operational."""
+    """Start all nodes; wait for the heartbeats, which prove that the drives are operational."""
     controller.bus.command('OPERATIONAL', controller.axes)
     since = controller.now
 
@@ -135,7 +135,7 @@ SLOWEST = 20  # cycles in which each TPDO is sent once at 200 Hz; step_timeout c
 
 
 def start_cycle(controller: DriveController, exchange: CyclicExchange) -> Steps[None]:
-    """Start the cycle with all drives switched off; wait until each drive has answered."""
+    """Start the cycle with all drives switched off; wait until every drive has answered."""
     realtime.freeze_objects()  # those of configure would cost the first collection a cycle
     settings = controller.settings
     group = controller.group
@@ -156,7 +156,7 @@ def start_cycle(controller: DriveController, exchange: CyclicExchange) -> Steps[
 
 
 def _silent_pdos(controller: DriveController) -> list[str]:
-    """Return the TPDOs that were never received, with their drives."""
+    """Return the TPDOs that were never received, with the names of their drives."""
     silent = []
     for axis in controller.axes:
         for name in sorted(axis.answers.silent):

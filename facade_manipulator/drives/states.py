@@ -33,7 +33,7 @@ class State(Enum):
 
 
 class Status(IntEnum):
-    """Bits of the statusword 6041h in use; the meaning of bits 12 and 13 depends on the mode."""
+    """Used bits of the statusword 6041h; the meaning of bits 12 and 13 depends on the mode."""
 
     FAULT = 0x0008
     VOLTAGE_ENABLED = 0x0010
@@ -47,7 +47,7 @@ class Status(IntEnum):
 
 
 class DigitalInput(IntEnum):
-    """Bits of the digital inputs 60FDh in use."""
+    """Used bits of the digital inputs 60FDh."""
 
     NEGATIVE_LIMIT_SWITCH = 0x1
     POSITIVE_LIMIT_SWITCH = 0x2
@@ -55,7 +55,7 @@ class DigitalInput(IntEnum):
 
 
 class Controlword(IntEnum):
-    """Controlwords 6040h of the commands, and the bits that modes add to 0x0F."""
+    """Controlword 6040h for each command, and the bits that modes add to 0x0F."""
 
     DISABLE_VOLTAGE = 0x0000
     QUICK_STOP = 0x0002
@@ -69,7 +69,7 @@ class Controlword(IntEnum):
 
 
 class Mode(IntEnum):
-    """Modes of operation 6060h that this package uses."""
+    """Modes of operation 6060h used by this package."""
 
     NONE = 0
     HOMING = 6
@@ -113,7 +113,7 @@ UNPOWERED_STATES = frozenset(
 
 
 class Power(Enum):
-    """Power of the motor of a drive, according to its statusword."""
+    """Power state of a drive's motor according to the statusword."""
 
     CONFIRMED_OFF = 'confirmed off'  #: its own statusword confirms it
     UNKNOWN = 'unknown'  #: no answer, or a statusword without a state of CiA 402
@@ -122,7 +122,7 @@ class Power(Enum):
 
 @cache
 def decode_state(statusword: int) -> State | None:
-    """Return the state of a statusword; None for 52 of the 64 patterns of its bits."""
+    """Return the state encoded in a statusword; None for 52 of the 64 bit patterns."""
     return next(
         (
             state
@@ -134,7 +134,7 @@ def decode_state(statusword: int) -> State | None:
 
 
 def describe_state(statusword: int) -> str:
-    """Return state and statusword in words, with the bits that prevent a state of CiA 402."""
+    """Describe state and statusword, and the bits that make the state invalid."""
     number = f'(statusword {statusword:04X}h)'
     state = decode_state(statusword)
     if state is not None:

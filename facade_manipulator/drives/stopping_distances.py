@@ -1,5 +1,5 @@
 """
-Stopping distances of carriages: at the start, in the table of the tool, and near a neighbour.
+Stopping distances of carriages: check at the start, table, and speed limit near a neighbour.
 
 The driver sends only targets from which the three carriages can brake together and keep their gap.
 Drives that stop by themselves do not coordinate, so that less than the gap remains. The order on
@@ -49,7 +49,7 @@ def least_distance(
     gap: float, limits: MotionLimits, deceleration: float, delay: float
 ) -> float:
     """
-    Return the minimum distance of neighbours that brake independently [m].
+    Return the minimum distance of neighbouring carriages that brake independently [m].
 
     Two neighbours always keep the distance from which all three carriages can brake together with
     `gap` left at rest. Braking together, a carriage that moves away from its neighbour first
@@ -100,7 +100,7 @@ def least_distance(
 def starting_distance(
     gap: float, limits: MotionLimits, left: float, right: float
 ) -> float:
-    """Return the minimum distance [m] of neighbours that are commanded to have speeds [m/s]."""
+    """Return the minimum distance [m] of neighbours commanded to move at given speeds [m/s]."""
     speed, acceleration = limits.speed, limits.acceleration
     gained = 0.5 * acceleration**2 / limits.jerk
     off1, off2 = left - min(gained, speed + left), right + min(gained, speed - right)
@@ -123,7 +123,7 @@ SEPARATION_MARGIN = 0.001  # m, for the speed that a carriage gains before it br
 
 class Separation(NamedTuple):
     """
-    Maximum speed of carriages for each distance, so that none hits a neighbour that stops at once.
+    Maximum speed for each distance at which no carriage hits a neighbour that stops at once.
 
     A silent drive is detected after `silence`. A drive that still answers is detected by its
     following error, or by a measured distance below the tolerated minimum.
@@ -138,7 +138,7 @@ class Separation(NamedTuple):
     report: float  #: time from a smaller distance until the carriages brake [s]
 
     def speed(self, distance: float) -> float:
-        """Return the maximum speed of neighbours at a distance [m], in m/s."""
+        """Return the maximum speed [m/s] of neighbouring carriages at a distance [m]."""
         seen = max(
             self._stopping_from(self.tolerated, self.report),
             self._stopping_from(distance - self.window, self.tracking),
@@ -146,7 +146,7 @@ class Separation(NamedTuple):
         return min(seen, self._stopping_from(distance, self.silence))
 
     def distance(self, speed: float) -> float:
-        """Return the minimum distance [m] at which neighbours may have a speed [m/s]."""
+        """Return the minimum distance [m] at which neighbours may move at a speed [m/s]."""
 
         def needed(delay: float) -> float:
             return (
@@ -170,7 +170,7 @@ class Separation(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Worst outcome of a failure."""
+    """Minimum distance after the worst case of a failure."""
 
     name: str  #: of the failure, as an operator reads it
     distance: float  #: minimum distance of two neighbours [m]
@@ -178,7 +178,7 @@ class Outcome(NamedTuple):
 
 
 class EmergencyStop(NamedTuple):
-    """Distances of two carriages that approach each other in an emergency stop."""
+    """Minimum distances of two approaching carriages during an emergency stop."""
 
     speed: float  #: of both carriages [m/s]
     alone: float  #: minimum distance from a neighbour that stops at once [m]
@@ -189,7 +189,7 @@ class EmergencyStop(NamedTuple):
 
 @dataclass(frozen=True)
 class StoppingAnalysis:
-    """Worst outcome of each failure; of axes that differ, the weakest counts."""
+    """Worst case of each failure; if axes differ, the weakest value is used."""
 
     # a report just after one SYNC is answered after the next, and latched then
     CYCLES_TO_STOP = 2
@@ -214,7 +214,7 @@ class StoppingAnalysis:
 
     @cached_property
     def separation(self) -> Separation:
-        """Return the limit of the carriages' speed for their distance."""
+        """Return the speed limit of the carriages as a function of their distance."""
         axes, geometry, controller = self.axes, self.geometry, self.controller
         reported = self.CYCLES_TO_STOP * controller.period + controller.drive_lag
         return Separation(
@@ -231,7 +231,7 @@ class StoppingAnalysis:
 
     @cached_property
     def outcomes(self) -> list[Outcome]:
-        """Return the outcomes of the failures that `check` requires to end without contact."""
+        """Return the worst cases of all failures that `check` requires to end without contact."""
         gap, touching = self.geometry.carriage_gap, self.geometry.carriage_length
         return [
             Outcome(name, distance, gap + touching - distance)
@@ -249,7 +249,7 @@ class StoppingAnalysis:
 
     def check(self) -> None:
         """
-        Require that braking carriages stay apart, and that limits and windows fit the drives.
+        Check that braking carriages stay apart, and that the drives fit limits and windows.
 
         Raises a ParameterError with the consequence of these parameters and with values that
         avoid it.
@@ -328,7 +328,7 @@ class StoppingAnalysis:
 
     def table(self, coasting: float) -> list[EmergencyStop]:
         """
-        Return the distances that emergency stops leave, at five speeds up to the limit.
+        Return the distances that remain after emergency stops, at five speeds up to the limit.
 
         Without power (STO, stop category 0) carriages coast with a mean deceleration [m/s²]. With
         SS1-t (stop category 1) all drives brake through their quick-stop inputs before they lose
@@ -352,14 +352,14 @@ class StoppingAnalysis:
 
     @property
     def sto_delay(self) -> float:
-        """Return the time from quick-stop inputs to STO [s], in which the heaviest load stops."""
+        """Return the time from quick-stop input to STO [s], enough to stop the heaviest load."""
         slowest = self.limits.speed / (self.LOAD * self.separation.deceleration)
         delay = slowest + self.controller.drive_lag + INPUT_SPREAD
         return math.ceil(100.0 * delay) / 100.0
 
     def remaining(self, speed: float, spread: float, deceleration: float) -> float:
         """
-        Return the remaining distance of two carriages that approach each other and stop [m].
+        Return the distance [m] that remains when two approaching carriages stop.
 
         They start at the minimum distance at which the driver lets them approach each other with
         the speed [m/s]. They brake with a deceleration [m/s²] after the lag of the drives and the
@@ -370,7 +370,7 @@ class StoppingAnalysis:
         return self._approach(speed) - self.geometry.carriage_length - travelled
 
     def _approach(self, speed: float) -> float:
-        """Return the minimum distance of two carriages that approach with a speed [m/s] each."""
+        """Return the minimum distance [m] of two carriages that approach at one speed [m/s]."""
         together = starting_distance(
             self.geometry.carriage_gap, self.limits, speed, -speed
         )

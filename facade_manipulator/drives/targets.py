@@ -1,5 +1,5 @@
 """
-Targets of the drives: their choice, and the check that the mechanism follows them.
+Choice of the drives' targets, and the check that the carriages reach them.
 
 Targets are the positions of the carriages at power-on, then the stream. The mechanism's checks
 are the last ones before the bus: a target that fails them, or jumps, is rejected with a message,
@@ -28,7 +28,7 @@ STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
 
 
 class TargetSupervisor:
-    """Supervisor of the mechanism, which chooses the targets of each cycle."""
+    """Supervisor of the carriages, which also chooses the targets of each cycle."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class TargetSupervisor:
         self._remember()
 
     def supervise(self, now: float) -> None:
-        """Stop all three carriages if one is not at its commanded position."""
+        """Stop all three carriages if one of them is not at its commanded position."""
         group = self._group
         is_homing = group.state is GroupState.HOMING
         if not is_homing and not group.follows:
@@ -96,7 +96,7 @@ class TargetSupervisor:
 
     def _lags(self, actual: PerCarriage) -> Iterator[Cause]:
         """
-        Yield a cause if a carriage lags behind its targets, or if the lags of two differ.
+        Yield a cause for a carriage that lags behind its target, or for unequal lags.
 
         The following error of the drive (60F4h) is insufficient: without RPDOs it stays near 0.
         """
@@ -131,7 +131,7 @@ class TargetSupervisor:
             )
 
     def command(self, clock: CycleClock, now: float) -> None:
-        """Choose the targets of a cycle; a source that fails stops the group."""
+        """Choose the targets of a cycle; stop the group if their source fails."""
         reach_time = clock.smooth_time + self._lead
         self._remember()
         try:
@@ -152,7 +152,7 @@ class TargetSupervisor:
 
     def withdraw(self) -> None:
         """
-        Return to the targets before the last choice, which came too late to be sent.
+        Restore the previous targets, because the last choice was too late to be sent.
 
         The drives hold these targets. The next choice starts from them.
         """
@@ -191,7 +191,7 @@ class TargetSupervisor:
         self._use(source.sample(reach_time), held)
 
     def _follow_carriages(self) -> None:
-        """Let the targets be the present positions, except of drives that hold with power."""
+        """Set the targets to the present positions, except for drives that hold with power."""
         self.positions = None
         for axis in self._axes:
             if not axis.output.holds_target:
@@ -199,7 +199,7 @@ class TargetSupervisor:
 
     def _begin_at_targets(self) -> PerCarriage:
         """
-        Begin to follow the source at the targets that the drives hold; return them [m].
+        Begin to follow the source from the targets that the drives hold; return them [m].
 
         From now on the following error shows a carriage that has moved since power-on.
         """
@@ -213,7 +213,7 @@ class TargetSupervisor:
         return held
 
     def _use(self, targets: PerCarriage, held: PerCarriage) -> None:
-        """Check targets after those held [m], the last check before the bus; convert them."""
+        """Check targets against the held targets [m] just before the bus; convert them."""
         self.guard.check_targets(targets)
         for name, old, new in zip(AXIS_NAMES, held, targets, strict=True):
             step = abs(new - old)

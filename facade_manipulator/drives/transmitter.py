@@ -1,4 +1,4 @@
-"""Frames of this master, on a bus whose send queue may be full for a while."""
+"""Transmitter of this master's frames, on a bus whose send queue may be temporarily full."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from facade_manipulator.canopen.clock import Clock
 
 class Transmitter:
     """
-    Sender of process data, heartbeats and network management commands.
+    Transmitter of process data, heartbeats and network management commands.
 
     The exchange calls it. A frame that finds no room in the send queue is dropped, because the
     next cycle has newer ones. Network management commands wait for room. Sending raises a
@@ -41,7 +41,7 @@ class Transmitter:
         return self.next_heartbeat < math.inf
 
     def begin_heartbeats(self) -> None:
-        """Send heartbeats from now on."""
+        """Start sending heartbeats."""
         self.next_heartbeat = self._now()
 
     def send_heartbeat(self, now: float) -> None:
@@ -55,12 +55,12 @@ class Transmitter:
         self._try(partial(self._bus.send, cob_id, data))
 
     def command(self, name: str, node_id: int) -> None:
-        """Send a network management command to a node, as soon as the queue has room."""
+        """Send a network management command to a node when the send queue has room."""
         self._waiting_commands.append((name, node_id))
         self.send_waiting_commands()
 
     def send_waiting_commands(self) -> None:
-        """Send the network management commands that have waited for room."""
+        """Send the network management commands that waited for room in the send queue."""
         while self._waiting_commands:
             name, node_id = self._waiting_commands[0]
             if not self._try(partial(self._bus.command, name, node_id)):
@@ -68,7 +68,7 @@ class Transmitter:
             self._waiting_commands.popleft()
 
     def _try(self, send: Callable[[], None]) -> bool:
-        """Return whether the queue had room for a frame."""
+        """Try to send a frame; return whether the send queue had room."""
         try:
             send()
         except BusCongestedError:

@@ -1,4 +1,4 @@
-"""Conversion between SI units of a carriage and the units of its drive."""
+"""Conversion between SI units of a carriage and drive units."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ COUNTS = 0x00B50000  # of 60A8h, the unit of positions
 
 
 class VelocityUnit(NamedTuple):
-    """Velocity unit of a drive, and the codes by which the drive names it (CiA 303-2)."""
+    """Velocity unit of a drive, and the CiA 303-2 codes that identify it."""
 
     counted: str  #: base of the unit: count, revolution or metre
     factor: float  #: number of these units in one base per second
@@ -32,7 +32,7 @@ VELOCITY_UNITS = {
 
 
 class SiPerUnit(NamedTuple):
-    """SI value of one unit of the drive, for each measured quantity of its carriage."""
+    """SI value of one drive unit for each measured quantity of the carriage."""
 
     position: float  #: [m]
     velocity: float  #: [m/s]

@@ -1,5 +1,5 @@
 """
-Waits of requests: for the group, for each drive, or for the SDO of all drives.
+Functions with which requests wait for the group, for each drive, or for SDO transfers.
 
 The control loop resumes these generators in each of its turns, also before the cycle has started.
 """
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def until(controller: DriveController, *states: GroupState) -> Steps[None]:
     """
-    Wait until all drives have reached one of the states of the group.
+    Wait until all drives have reached one of the given states of the group.
 
     Raises a DriveError with the cause if the drives are stopped before that.
     """
@@ -66,7 +66,7 @@ def each(
     timeout: float | None = None,
 ) -> Steps[list[Result]]:
     """
-    Do the steps of each drive, all drives at the same time; return the results by axis.
+    Run the steps of all drives at the same time; return the results by axis.
 
     No drive is asked after the timeout [s], by default `TURN_TIMEOUT`. Raises a DriveError that
     names the failures of all drives, or any other error of one drive.
@@ -86,7 +86,7 @@ def each(
 
 
 def _results(ended: Sequence[DriveSteps]) -> list[Result]:
-    """Return the results of steps that have ended; raise their errors as one."""
+    """Return the results of completed steps; raise all their errors as one error."""
     errors = [one.error for one in ended if isinstance(one.error, DriveError)]
     if len(errors) > 1:
         raise DriveError(joined(*map(str, errors))) from errors[0]
