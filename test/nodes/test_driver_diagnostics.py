@@ -233,6 +233,7 @@ def test_warning_leaves_the_next_step_of_each_state(state, failure, share):
         # diagnostic_aggregator reports a stale component beside others as an error
         ({'statusword': None}, 'ok', 'no frame received yet'),
         ({'statusword': None, 'missed': 3}, 'stale', 'no frame received yet'),
+        ({'statusword': 0x0001}, 'warn', 'statusword 0001h'),
         (
             {'is_silent': True},
             'stale',
