@@ -131,15 +131,15 @@ class CanBus:
         hint = " (python-can's bus within one process: no drive outside is on it)"
         return f'{self._bus.channel_info}{hint if self.is_virtual else ""}'
 
-    def listen_to(self, received: tuple[int, ...]) -> None:
+    def listen_to(self, wanted: tuple[int, ...]) -> None:
         """
-        Let the kernel drop all frames except those of the given COB-IDs, on SocketCAN.
+        Let the kernel drop all frames except those of the wanted COB-IDs, on SocketCAN.
 
-        Data frames and remote frames with these COB-IDs are received.
+        Data frames and remote frames with these COB-IDs are received, and error frames.
         """
         if not isinstance(self._bus, SocketcanBus):
             return
-        identifiers = {one & cob_ids.COB_ID_BITS for one in received}
+        identifiers = {one & cob_ids.COB_ID_BITS for one in wanted}
         self._bus.set_filters(
             [
                 {'can_id': one, 'can_mask': cob_ids.COB_ID_BITS, 'extended': False}

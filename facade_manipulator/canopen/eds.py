@@ -95,6 +95,7 @@ def _section_name(section: str) -> str:
     return name.replace('DEVICEINFO', 'DeviceInfo')
 
 
+# DATA_TYPES are strings and domains
 _NOT_WHOLE = frozenset({*datatypes.FLOAT_TYPES, *datatypes.DATA_TYPES})
 
 

@@ -73,8 +73,9 @@ class Pdo:
 
         A drive sends a TPDO at every n-th SYNC; an RPDO always has 1 and applies at the next SYNC.
         TPDOs with an object of `STATUS_OBJECTS` also have 1: each of them is an answer to a SYNC.
-        TPDOs with an object of `MOTION_OBJECTS` have 1 up to 200 Hz, and are sent at 50 Hz above:
-        the bus has no room for all. The others, such as error code and torque, are sent at 10 Hz.
+        TPDOs with an object of `MOTION_OBJECTS` have 1 up to 200 Hz, and are sent at most at 50 Hz
+        above: the bus has no room for all. The others, such as error code and torque, are sent at
+        most at 10 Hz.
         """
         if not self.is_transmitted or not STATUS_OBJECTS.isdisjoint(self.indices):
             return 1
@@ -89,9 +90,10 @@ class Pdo:
 
     def disable_write(self, node_id: int) -> Write:
         """
-        Return the write that disables the PDO, which a drive may lack.
+        Return the write that disables the PDO.
 
-        Only the bit that disables it is read back: the drive may keep another COB-ID.
+        A drive without the PDO is accepted, a drive that rejects the write is not. Only the bit
+        that disables the PDO is read back: the drive may keep another COB-ID.
         """
         entry = self._cob_id_entry(node_id) | cob_ids.NOT_VALID
         return Write(

@@ -17,10 +17,12 @@ PRODUCER = 1 << 30  # bit of 1005h: the node sends SYNC with the period 1006h [u
 
 
 class SyncProducer:
-    """SYNC that one drive sends itself, although this master sends it."""
+    """SYNC that a drive sends itself; only this master should send it."""
 
     def __init__(self) -> None:
-        self.is_found = False  #: whether the drive was found to send SYNC
+        self.is_found = (
+            False  #: whether the drive was found to send SYNC, also after its end
+        )
         self.period = 0.0  #: period of this SYNC [s]
 
     def find(self, objects: SdoChannel) -> Steps[int]:

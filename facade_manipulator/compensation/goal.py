@@ -261,8 +261,9 @@ class GoalTracker:
         Return the state of the followed goal and its reason.
 
         A goal is held back by a limit, by pressing that cannot reach its force, or for another
-        reason after the path has ended; the last is logged when it begins. Each phase of pressing
-        without the desired force is a reason, also of a goal that is not held back.
+        reason after the path has ended, which is logged unless the goal was held back before.
+        While pressing has not reached its force, its phase is the reason, also in state MOVING,
+        and no other reason is sought.
         """
         compensator = self._compensator
         pressing = compensator.contact.pressing

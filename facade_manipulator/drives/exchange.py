@@ -169,7 +169,7 @@ class CyclicExchange:
         if self.masters.is_foreign_sync(frame):
             return self.masters.receive_foreign_sync(frame)
         if not self.clock.accept_sync(frame.time):
-            return None  # the clock has counted it
+            return None  # too early: counted as a possible SYNC of another master
         if self.clock.is_open:  # a late loop: the step comes before the next cycle
             self._next_sync = frame
             self._is_due = True

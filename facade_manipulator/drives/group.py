@@ -73,7 +73,7 @@ class Group:
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
         self._has_shown_mode = False  # whether all drives have shown the commanded mode
         self._cycles = 0
-        self.start(0.0)
+        self.start(0.0)  # a placeholder: the exchange starts it at the present time
 
     @property
     def is_stopped(self) -> bool:
@@ -302,7 +302,11 @@ class Group:
         ), False
 
     def _disobedience(self, drive: Feedback, has_mode: bool) -> str:
-        """Return why an enabled drive fails before the step times out, ``''`` if it obeys."""
+        """
+        Return why a drive fails at once, without a wait for the end of the step; ``''`` if not.
+
+        In a stop nothing is checked: its steps follow no targets and command no mode.
+        """
         if self.follows and drive.statusword & Status.FOLLOWING_ERROR:
             return 'is farther behind its target than the following-error window, bit 13 is 1'
         is_enabled = decode_state(drive.statusword) is State.OPERATION_ENABLED

@@ -151,14 +151,17 @@ def quantities(
         cob_ids.MASTER_NODE_ID, round(1e3 * settings.heartbeat_timeout)
     )
     return {
-        'quick_stop_deceleration': _units(ramp, 'stop_deceleration'),
-        'max_velocity': _units(axis, 'max_speed'),
-        'max_acceleration': _units(ramp, 'max_acceleration'),
-        # the share first, because it requires the higher homing_speed
-        'homing_zero_speed': _units(axis, 'homing_speed', axis.homing_zero_share),
-        'homing_switch_speed': _units(axis, 'homing_speed'),
-        'homing_acceleration': _units(ramp, 'homing_acceleration'),
-        'max_motor_speed': _units(motor, 'max_speed'),
+        'quick_stop_deceleration': _in_drive_units(ramp, 'stop_deceleration'),
+        'max_velocity': _in_drive_units(axis, 'max_speed'),
+        'max_acceleration': _in_drive_units(ramp, 'max_acceleration'),
+        # The zero speed, a share of homing_speed, comes first: its error names the homing_speed
+        # that is enough for both.
+        'homing_zero_speed': _in_drive_units(
+            axis, 'homing_speed', axis.homing_zero_share
+        ),
+        'homing_switch_speed': _in_drive_units(axis, 'homing_speed'),
+        'homing_acceleration': _in_drive_units(ramp, 'homing_acceleration'),
+        'max_motor_speed': _in_drive_units(motor, 'max_speed'),
         'master_heartbeat': supervised.encode(),
         'heartbeat_time': round(1e3 * settings.heartbeat_period),
         'following_error_window': abs(axis.to_counts(axis.following_error_window)),
@@ -174,7 +177,7 @@ def quantities(
     }
 
 
-def _units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
+def _in_drive_units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
     """
     Return a share of an axis's speed or acceleration, in drive units.
 

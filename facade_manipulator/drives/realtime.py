@@ -42,8 +42,8 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
     """
     Apply the settings of priority, locked memory and CPU; return a message for each rejection.
 
-    The priority is that of all threads of this process, the CPU that of the calling thread and of
-    threads that it starts later.
+    The priority is that of all present threads of this process, the CPU that of the calling thread
+    and of threads that it starts later.
     """
     priority = settings.realtime_priority
     cpu = settings.cpu

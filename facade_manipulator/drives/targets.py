@@ -148,13 +148,15 @@ class TargetSupervisor:
             self._group.stop(
                 Cause(f'{failure}: {problem}', 'check the source of the setpoints'), now
             )
+            # a stopped group follows no source any more
             self.choose(reach_time)
 
     def withdraw(self) -> None:
         """
-        Restore the previous targets, because the last choice was too late to be sent.
+        Undo the last `command`: its targets came too late to be sent.
 
-        The drives hold these targets. The next choice starts from them.
+        It is called only while the drives follow targets. They still hold the targets before, from
+        which the next command starts.
         """
         counts, self.positions, self._state = self._remembered
         for axis, target in zip(self._axes, counts, strict=True):

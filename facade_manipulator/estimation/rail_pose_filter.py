@@ -178,7 +178,11 @@ class DisturbanceEstimator:
             self._history.add_measurement(Measurement(name, stamp, value, variance))
 
     def advance(self, now: float) -> RailMotion | None:
-        """Return the newest motion of the rail; None before the first start or after a fault."""
+        """
+        Return the motion of the rail at the newest step, which may be before `now`.
+
+        None while no axis is known, or after a fault.
+        """
         self._set_time(now)
         # by arrival: stamps of a late IMU would always seem old
         silence = now - self._gate.arrival

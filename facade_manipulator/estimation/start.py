@@ -74,6 +74,7 @@ def start_at_wall(
     """
     Return distance of the wall, y and yaw of the rail [m, m, rad] for the likeliest levels.
 
+    A level is the offset of a part of the wall, such as a recess; each sensor may see another.
     Each combination of levels gives a line through the measured points of the wall. The likeliest
     combination has a plane wall, a rail near its place at rest, and levels near 0.
 

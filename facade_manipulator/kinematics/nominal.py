@@ -1,10 +1,10 @@
 """
 Kinematics of the drawing: functions of a `Geometry` that use only l, b, stroke and gap.
 
-Each calls the `Mechanism` without errors, which the geometry keeps. The conditioning index mixes
-metres and radians, so it depends on the unit of length. In millimetres, as in the paper, the index
-is low only at the far edge of the workspace. With a characteristic length near the machine's size
-it is also low near the rail, where authority is weak.
+Most call `Geometry.drawn`, the `Mechanism` without calibration errors. The conditioning index
+mixes metres and radians, so it depends on the unit of length. In millimetres, as in the paper, the
+index is low only at the far edge of the workspace. With a characteristic length near the machine's
+size it is also low near the rail, where authority is weak.
 """
 
 from __future__ import annotations
@@ -107,7 +107,9 @@ def working_modes(geometry: Geometry, pose: Pose) -> tuple[Carriages, ...]:
 
 def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
     """
-    Return the pose on the machine's branch [m, m, rad]: A1 before A2, y > 0, N > 0.
+    Return the pose on the machine's branch [m, m, rad].
+
+    On this branch q1 < q2, y > 0 (in front of the rail) and N > 0 (`parallel_singularity`).
 
     Parameters
     ----------

@@ -221,6 +221,7 @@ class SetpointFollower:
         last = self._predecessor(setpoint.time, now)
         is_first = last is None
         if last is None:
+            # without a time of its own, only its step and its speed are checked
             last = Setpoint(-math.inf, self.motion.position, setpoint.velocity)
         first_step = self.settings.first_step
         require_possible(

@@ -18,7 +18,7 @@ from facade_manipulator.drives.snapshot import (
     ControllerSnapshot,
     ControllerState,
 )
-from facade_manipulator.drives.states import State
+from facade_manipulator.drives.states import describe_state, State
 from facade_manipulator.errors import joined, NEXT
 from facade_manipulator.motion.follower import StreamStatus
 from facade_manipulator.nodes.diagnostics import diagnostic_status
@@ -161,10 +161,12 @@ def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:
         return 'stale', f'silent: these values are old{before}'
     if axis.state in FAULTS:
         return 'error', axis.error or 'in fault, the drive sent no error code'
-    if axis.state is None:
-        # Before the first SYNC is unanswered this is not a fault: diagnostic_aggregator reports a
-        # stale component beside others as an error.
+    if axis.statusword is None:
+        # While no SYNC is unanswered this is not a fault: diagnostic_aggregator reports a stale
+        # component beside others as an error.
         return 'stale' if axis.missed else 'ok', 'no frame received yet'
+    if axis.state is None:
+        return 'warn', joined(describe_state(axis.statusword), axis.warning)
     state = _words(axis.state) + ('' if axis.homed else ', not homed')
     return ('warn', f'{state}; {axis.warning}') if axis.warning else ('ok', state)
 

@@ -106,8 +106,9 @@ class EstimateGate:
     def __init__(self, settings: EstimateSettings) -> None:
         self.settings = settings
         # newest accepted estimate as it was received, along the axes of the estimator
+        #: last received pose; its `known` are the axes of the estimator that were measured
         self._last = self.NO_ESTIMATE
-        self._known = ZERO_POSE  # last known pose of the rail along each axis
+        self._last_known = ZERO_POSE  # last known pose of the rail along each axis
         position = settings.position_noise
         self._noise = (position, position, settings.yaw_noise)
         self._mounting = Pose(*settings.mounting)
@@ -141,8 +142,8 @@ class EstimateGate:
             Received disturbance along the axes of the estimator [m, m, rad].
         variances : sequence of float
             Variances of x, y and θ [m², m², rad²], as in `covariance`: 0 stands for the
-            noise of the settings. The position of an axis that was not measured is unknown. Its
-            next known position may be anywhere.
+            noise of the settings. An axis that was not measured keeps its last known pose in the
+            result, where `known` is False. Its next measurement may be anywhere.
         tilt : float
             Angle of the rail out of the plane, at least 0 [rad].
 
@@ -259,9 +260,9 @@ class EstimateGate:
     ) -> Estimate:
         """Return the estimate of the rail, at rest along unknown axes."""
         x, y, theta = place
-        last = self._known
+        last = self._last_known
         is_x_known, is_y_known, is_theta_known = known
-        self._known = Pose(
+        self._last_known = Pose(
             x if is_x_known else last.x,
             y if is_y_known else last.y,
             theta if is_theta_known else last.theta,
@@ -271,7 +272,7 @@ class EstimateGate:
         for row, noise, is_known in zip(self._squares, self._noise, known, strict=True):
             variance = sum(map(mul, row, received)) if is_known else noise**2
             variances.append(variance)
-        return Estimate(stamp, self._known, tuple(variances), known)
+        return Estimate(stamp, self._last_known, tuple(variances), known)
 
     def displacement(self, place: Pose) -> Pose:
         """Return the displacement of an estimator from its place, along its axes [m, m, rad]."""

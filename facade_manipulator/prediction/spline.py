@@ -34,7 +34,7 @@ def _matrix() -> np.ndarray:
     terms = np.vstack((np.eye(4), after_knots))
     starts = np.array((*_CUBIC, *_KNOTS))
 
-    values = powers @ terms.T * (HORIZONS[:, None] > starts)
+    values = (powers @ terms.T) * (HORIZONS[:, None] > starts)
     to_terms = np.linalg.inv(values).T
     pieces = []
     for start in (-math.inf, *_KNOTS):

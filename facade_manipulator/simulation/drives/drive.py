@@ -314,10 +314,11 @@ class SimulatedDrive:
         """
         Replace the drive with another drive, which boots with the defaults of its objects.
 
-        It has the stored node id of the first drive, as if set by the same switches. The carriage
-        stays, and the encoder counts from 0 there. Injected silence and deafness continue.
+        It has the stored node id of the replaced drive, as if set by the same switches. The
+        carriage stays, and the encoder counts from 0 there. Injected silence and deafness
+        continue.
         """
-        self.objects.stored = {}  # 1010h has stored them in the first drive
+        self.objects.stored = {}  # 1010h has stored them in the replaced drive
         numbers = (vendor_id, product_code, revision, serial_number)
         for subindex, number in enumerate(numbers, start=1):
             self.objects.defaults[indices.IDENTITY, subindex] = number
