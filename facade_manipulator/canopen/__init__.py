@@ -1,5 +1,5 @@
 """
-CANopen on a python-can bus. Each module is a chapter of a standard.
+CANopen on a python-can bus; each module implements a chapter of a CiA standard.
 
 Tables of numbers: `cob_ids` (predefined connection set), `indices` (objects of a drive).
 CiA 301: `nmt` (commands, boot-up, heartbeat), `sync`, `sdo`, `pdo`, `emcy`.

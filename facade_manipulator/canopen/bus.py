@@ -1,5 +1,5 @@
 """
-CAN bus of python-can: frames in and out, SYNC of the kernel, error frames, statistics.
+CAN bus of python-can: frames, SYNC sent by the kernel, error frames and statistics.
 
 The thread of python-can's Notifier ends with the first error of the link. Instead, the owner of a
 `CanBus` calls `CanBus.receive` in one thread, and each error is raised there as a `BusError`.
@@ -37,7 +37,7 @@ class BusCongestedError(BusError):
 
 
 class _SentMessage(can.Message):
-    """Message that its sender never changes, so that the virtual bus need not copy it (10 us)."""
+    """Message that its sender never changes, so the virtual bus need not copy it (10 us)."""
 
     __slots__ = ()
 
@@ -85,7 +85,7 @@ def open_bus(settings: BusSettings) -> can.BusABC:
 
 
 class CanBus:
-    """Frames of a python-can bus, which this object closes; one thread at a time may send."""
+    """Owner of a python-can bus, which sends and receives frames; only one thread may send."""
 
     MAXIMUM_STAMP_AGE = 10.0  # s: an older stamp comes from another clock
     NO_KERNEL_SYNC = (
@@ -133,7 +133,7 @@ class CanBus:
 
     def listen_to(self, wanted: tuple[int, ...]) -> None:
         """
-        Let the kernel drop all frames except those of the wanted COB-IDs, on SocketCAN.
+        On SocketCAN, let the kernel drop all frames except those with the given COB-IDs.
 
         Data frames and remote frames with these COB-IDs are received, and error frames.
         """
@@ -149,7 +149,7 @@ class CanBus:
 
     def receive(self, timeout: float) -> Frame | None:
         """
-        Return the next frame within a timeout [s], None for no frame or a frame of another kind.
+        Return the next frame within a timeout [s]; None without a frame, or for other frame types.
 
         Raises a BusError if the interface is down or gone, or its controller is bus-off.
         """
@@ -205,14 +205,14 @@ class CanBus:
 
     def command(self, name: str, node_id: int) -> None:
         """
-        Send a network management command to one node, 0 for all; raises the errors of `send`.
+        Send a network management command to a node, or to all with 0; raises as `send`.
 
         The library names a command after the state that follows, such as ``'OPERATIONAL'``.
         """
         self.send(cob_ids.NMT, nmt.command(name, node_id))
 
     def start_sync(self, period: float) -> None:
-        """Start SYNC by the kernel, of a period [s]; raises a BusError if impossible."""
+        """Let the kernel send SYNC once a period [s]; raise a BusError if this is impossible."""
         message = can.Message(arbitration_id=cob_ids.SYNC, is_extended_id=False)
         try:
             self._sync_task = self._bus.send_periodic(message, period)
@@ -220,7 +220,7 @@ class CanBus:
             raise self._error(error) from error
 
     def stop_sync(self) -> None:
-        """Stop the SYNC of the kernel, if it is active."""
+        """Stop the kernel's SYNC if it is running."""
         task = self._sync_task
         self._sync_task = None
         if task is not None:
@@ -235,7 +235,7 @@ class CanBus:
             self._bus.shutdown()
 
     def _note_error(self, error_class: int, bits: int) -> None:
-        """Record the report of the controller in an error frame; raise a BusError if bus-off."""
+        """Record the controller state in an error frame; raise a BusError if it is bus-off."""
         noted = self.statistics
         noted.error_frames += 1
         if error_class & self._BUS_OFF:
@@ -255,7 +255,7 @@ class CanBus:
                     break
 
     def _error(self, error: Exception) -> BusError:
-        """Return the error of this bus for an error of its interface."""
+        """Convert an error of the interface to an error of this bus."""
         code = getattr(error, 'error_code', None) or getattr(error, 'errno', None)
         if code in self._FULL or (code is None and 'full' in str(error).lower()):
             return BusCongestedError(

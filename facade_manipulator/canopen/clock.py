@@ -1,4 +1,4 @@
-"""Clocks and sleep of the drive controller; a test passes a simulated clock."""
+"""Clocks and sleep for the drive controller; tests pass a simulated clock instead."""
 
 from __future__ import annotations
 
@@ -36,22 +36,22 @@ class SteadyTime:
         self._offset = self._read_offset()
 
     def from_stamp(self, stamp: float) -> float:
-        """Return the time on the monotonic clock [s] of a stamp on the system clock [s]."""
+        """Convert a stamp on the system clock [s] to a time on the monotonic clock [s]."""
         return stamp - self._present_offset()
 
     def to_stamp(self, time: float) -> float:
-        """Return the stamp on the system clock [s] of a time on the monotonic clock [s]."""
+        """Convert a time on the monotonic clock [s] to a stamp on the system clock [s]."""
         return time + self._present_offset()
 
     def _present_offset(self) -> float:
-        """Return the time by which the system clock is ahead of the monotonic clock [s]."""
+        """Return the system clock minus the monotonic clock [s]."""
         offset = self._clock.time() - self._clock.monotonic()
         if abs(offset - self._offset) > self.OFFSET_TOLERANCE:
             self._offset = self._read_offset()
         return self._offset
 
     def _read_offset(self) -> float:
-        """Return the offset of the shortest of some readings [s]."""
+        """Return the offset between both clocks [s] from the reading of shortest duration."""
         readings = []
         for _ in range(self.OFFSET_READINGS):
             before = self._clock.monotonic()

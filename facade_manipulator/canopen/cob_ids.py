@@ -1,5 +1,5 @@
 """
-COB-IDs of the predefined connection set, and the frames that only a master sends.
+COB-IDs of the predefined connection set, and of the frames that only a master sends.
 
 The module imports no CAN library, because the driver node has no bus.
 
@@ -41,7 +41,7 @@ COB_ID_BITS = 0x7FF
 
 
 def frames_of_masters(node_ids: Iterable[int]) -> dict[int, tuple[str, bool]]:
-    """Return descriptions of master frames by COB-ID, and whether the frames command drives."""
+    """Return, by COB-ID, the name of each master frame and whether the frame commands drives."""
     frames = {
         HEARTBEAT + MASTER_NODE_ID: ('its heartbeat (77Fh)', True),
         SYNC: ('SYNC (080h)', True),

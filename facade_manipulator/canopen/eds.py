@@ -1,5 +1,5 @@
 """
-Reader of makers' electronic data sheets, after conversion to the spelling of CiA 306.
+Reader of manufacturers' electronic data sheets, which are first converted to CiA 306 spelling.
 
 References
 ----------
@@ -37,7 +37,7 @@ _VALUES = frozenset({'LowLimit', 'HighLimit', 'DefaultValue', 'ParameterValue'})
 
 def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
     """
-    Return the object dictionary of an EDS or DCF with the usual deviations from CiA 306.
+    Return the object dictionary of an EDS or DCF; accept common deviations from CiA 306.
 
     The text may be UTF-8 or in a Windows code page. It may contain names in any case, tabs, and
     numbers that are empty, octal or without 0x. An object without a data type is left out.
@@ -75,7 +75,7 @@ _KEYS = {
 
 
 def _normalised(text: str) -> StringIO:
-    """Return the text in the form that `canopen` reads: each object, then its sub-objects."""
+    """Return the text in the form that `canopen` reads: each object before its sub-objects."""
     found = RawConfigParser(inline_comment_prefixes=(';',))
     found.optionxform = lambda key: _KEYS.get(key.lower(), key)  # type: ignore
     found.read_string('\n'.join(line.strip() for line in text.splitlines()))
@@ -90,7 +90,7 @@ def _normalised(text: str) -> StringIO:
 
 
 def _section_name(section: str) -> str:
-    """Return the name of a section in the spelling that the library expects."""
+    """Return the name of a section in the spelling that the library `canopen` expects."""
     name = section.upper().replace('SUB', 'sub').replace('NAME', 'Name')
     return name.replace('DEVICEINFO', 'DeviceInfo')
 
@@ -100,7 +100,7 @@ _NOT_WHOLE = frozenset({*datatypes.FLOAT_TYPES, *datatypes.DATA_TYPES})
 
 
 def _entries(name: str, section: Mapping[str, str]) -> dict[str, str] | None:
-    """Return the entries of a section, None for an object without a data type."""
+    """Return the entries of a section; None for an object without a data type."""
     entries = {'ParameterName': name}
     for key, value in section.items():
         if value:
@@ -118,7 +118,7 @@ def _entries(name: str, section: Mapping[str, str]) -> dict[str, str] | None:
 
 
 def _number(text: str) -> str:
-    """Return a number as Python reads it; accept hexadecimal without 0x and octal of CiA 306."""
+    """Return a number in Python's notation; accept hexadecimal without 0x and CiA 306 octal."""
     if not re.fullmatch('[0-9A-Fa-f]+', text):
         return text
     base = 10
@@ -130,7 +130,7 @@ def _number(text: str) -> str:
 
 
 def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]:
-    """Return all variables of an object dictionary by index and subindex."""
+    """Return all variables of an object dictionary, by index and subindex."""
     found = {}
     for entry in dictionary.values():
         parts = [entry] if isinstance(entry, ODVariable) else entry.values()

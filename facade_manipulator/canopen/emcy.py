@@ -1,5 +1,5 @@
 """
-Emergency messages: their error code; text, remedy and reaction by error code.
+Emergency messages: their error codes, and the text, remedy and reaction for each code.
 
 References
 ----------
@@ -21,7 +21,7 @@ ERROR_CODE_LENGTH = 2  # bytes; an emergency message begins with its error code
 
 
 class Fault(NamedTuple):
-    """Meaning of an error code; all three drives stop, unless it is a warning."""
+    """Meaning of an error code; all three drives stop unless the code is a warning."""
 
     message: str  #: description; that of a received fault ends with the code
     #: action of the operator before the next clear_faults
@@ -35,7 +35,7 @@ class Fault(NamedTuple):
 @cache
 def read_faults() -> dict[str, Fault]:
     """
-    Return the faults by code: four hexadecimal digits, of which the last may be x for any digit.
+    Return the faults by code: four hexadecimal digits; a last digit x matches any digit.
 
     The first call reads the table in 10 to 50 ms. A control loop calls it before its first cycle.
     """
@@ -45,7 +45,7 @@ def read_faults() -> dict[str, Fault]:
 
 def fault(code: int, own: Mapping[int, Fault]) -> Fault:
     """
-    Return the meaning of an error code of 603Fh or of an emergency message.
+    Return the meaning of an error code received in 603Fh or in an emergency message.
 
     `own` contains the codes to which the maker of the drive gives another meaning. Otherwise the
     row of the table with the fewest x applies.
@@ -60,10 +60,10 @@ def fault(code: int, own: Mapping[int, Fault]) -> Fault:
 
 
 def error_code(data: bytes) -> int:
-    """Return the error code of an emergency message."""
+    """Return the error code in an emergency message."""
     return int.from_bytes(data[:ERROR_CODE_LENGTH], 'little')
 
 
 def is_error_reset(code: int) -> bool:
-    """Return whether an emergency message reports the end of errors."""
+    """Return whether an emergency message with this code reports that the error has ended."""
     return code & 0xFF00 == 0

@@ -1,5 +1,5 @@
 """
-Settings and counters of a CAN interface, and checks: it exists, is up and uses our bit rate.
+CAN interface: settings, counters, and checks that it exists, is up and has the right bit rate.
 
 SocketCAN opens an interface that is down or uses another bit rate without an error. This module
 checks both beforehand, with iproute2 if installed, otherwise in /sys.
@@ -45,7 +45,7 @@ class BusSettings:
 
 @dataclass
 class BusStatistics:
-    """Counters since the bus was opened, and the present condition of the controller."""
+    """Counters since the bus was opened, and the present state of the CAN controller."""
 
     received: int = 0
     sent: int = 0
@@ -63,7 +63,7 @@ _NEAR_BIT_RATE = 0.1  # a larger deviation comes from a setting, not from a cloc
 
 
 def check_link(channel: str, bitrate: int) -> None:
-    """Raise a BusError if an interface is missing, down, bus-off, or at another bit rate."""
+    """Raise a BusError if an interface is missing, down or bus-off, or has another bit rate."""
     link = f'sudo ip link set {channel}'
     details = _details(channel)
     # vcan has no bit rate
@@ -96,7 +96,7 @@ def check_link(channel: str, bitrate: int) -> None:
 
 
 def restart_command(channel: str) -> str:
-    """Return the command that restarts a bus-off controller, needed with restart-ms 0."""
+    """Return the command that restarts a bus-off controller if restart-ms is 0."""
     return f'sudo ip link set {channel} type can restart'
 
 
@@ -113,7 +113,7 @@ _QUERY_TIMEOUT = 2.0  # s, for `ip`
 
 
 def _details(channel: str) -> dict[str, Any]:
-    """Return the report of iproute2 about the CAN controller, empty if iproute2 is missing."""
+    """Return the output of iproute2 about the CAN controller; empty without iproute2."""
     try:
         answer = subprocess.run(
             ['ip', '-json', '-details', 'link', 'show', 'dev', channel],

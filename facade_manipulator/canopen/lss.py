@@ -1,5 +1,5 @@
 """
-Layer setting services: node ids for drives that are known only by their identity.
+Layer setting services (LSS): assign node ids to drives identified by their 1018h entries.
 
 The library implements the requests of a master. `LssTransport` sends them and receives the
 answers, of which several slaves send one each. `LssSlave` is the counterpart in a simulated drive.
@@ -28,7 +28,7 @@ _FRAME_LENGTH = 8
 
 
 class Identity(NamedTuple):
-    """Numbers by which a master selects a slave (1018h)."""
+    """Identity (1018h) by which a master selects a slave."""
 
     vendor_id: int
     product_code: int
@@ -40,7 +40,7 @@ class Identity(NamedTuple):
 
 
 class WaitingBus(Protocol):
-    """Bus of a master, which receives frames while it waits."""
+    """Bus of a master that receives frames while waiting."""
 
     frames: CanBus
     receivers: dict[int, Callable[[Frame], None]]  #: by COB-ID
@@ -50,12 +50,12 @@ class WaitingBus(Protocol):
         """Receive frames for a time [s]."""
 
     def wait_for(self, condition: Callable[[], object], timeout: float) -> bool:
-        """Receive frames until a condition holds or a timeout [s]; return the condition."""
+        """Receive frames until a condition holds or a timeout [s] expires; return the result."""
 
 
 class LssTransport:
     """
-    Frames of a master; each answer belongs to its question.
+    Transport of LSS frames for a master; it matches each answer to its request.
 
     An answer to fastscan does not repeat its question, and several slaves answer at different
     times. Therefore the transport listens after an answer for as long as the slowest slave has
@@ -103,7 +103,7 @@ class LssTransport:
             self._await_other_answers(is_first_scan)
 
     def _longest_wait(self, command: int) -> float:
-        """Return the time to wait for the answer to a command [s]."""
+        """Return the maximum time to wait for the answer to a command [s]."""
         if command == lss.CS_STORE_CONFIGURATION:
             return self.STORING_TIME
         if command == lss.CS_FAST_SCAN:
@@ -113,7 +113,7 @@ class LssTransport:
         return self._timeout
 
     def _await_other_answers(self, is_first_scan: bool) -> None:
-        """Listen until the slaves that answer later than the first have answered."""
+        """Wait until the slower slaves have also answered."""
         longest = self._LATENCY_MARGIN * (self._slowest or 0.0)
         if is_first_scan:
             longest = max(longest, 2.0 * self._timeout)
@@ -121,7 +121,7 @@ class LssTransport:
         self._bus.wait(max(0.0, end - self._bus.monotonic()))
 
     def _receive(self, frame: Frame) -> None:
-        """Keep an expected answer, and measure the latency of a slave."""
+        """Store an expected answer, and measure the latency of the slave."""
         if not frame.data or frame.data[0] != self._expected:
             return
         if self._expected == lss.CS_IDENTIFY_SLAVE:
@@ -133,7 +133,7 @@ class LssTransport:
 
 def lss_master(bus: WaitingBus, timeout: float) -> LssMaster:
     """
-    Return the library's master of layer setting services, with a timeout [s].
+    Return the LSS master of the library `canopen` with a timeout [s].
 
     The timeout limits the wait for the answer to each request.
     """
@@ -174,7 +174,7 @@ def set_node_id(
     master: LssMaster, node_id: int, slave: Identity | None, is_stored: bool
 ) -> None:
     """
-    Set the node id of one slave, or of all slaves if it is None.
+    Set the node id of one slave; of all slaves if the slave is None.
 
     Raises the library's LssError if a slave does not take or store it.
     """
@@ -194,7 +194,7 @@ def set_node_id(
 
 class LssSlave:
     """
-    Node id of a simulated drive, which a master sets; 255 means no node id.
+    LSS slave of a simulated drive; node id 255 means that no id is assigned.
 
     `values` contains the objects of the drive; 1018h is the identity.
     """
@@ -222,7 +222,7 @@ class LssSlave:
         self._scanned = 0  # in a fastscan
 
     def receive(self, data: bytes, active: int) -> bytes | None:
-        """Process a request; return the answer or None. `active` is the present node id."""
+        """Process a request; return the answer or None. `active` is the current node id."""
         command = data[0]
         answer = None
         if command == lss.CS_SWITCH_STATE_GLOBAL:
@@ -241,11 +241,11 @@ class LssSlave:
         return None if answer is None else bytes([answer]).ljust(_FRAME_LENGTH, b'\0')
 
     def _number(self, part: int) -> int:
-        """Return a number of the identity; part 0 is the vendor."""
+        """Return one number of the identity; part 0 is the vendor id."""
         return self._values[indices.IDENTITY, part + 1]
 
     def _select(self, part: int, data: bytes) -> int | None:
-        """Select the drive with four numbers in successive requests; return the answer."""
+        """Select the drive by four numbers in successive requests; return the last answer."""
         (number,) = struct.unpack_from('<xI', data)
         if part != self._matched or number != self._number(part):
             self._matched = 0
@@ -258,7 +258,7 @@ class LssSlave:
         return lss.CS_SWITCH_STATE_SELECTIVE_RESPONSE
 
     def _scan(self, data: bytes) -> int | None:
-        """Compare the upper bits of a number with those of the identity; return the answer."""
+        """Compare the upper bits of one identity number with a request; return the answer."""
         number, bit, part, following = struct.unpack('<xIBBB', data)
         if bit == self._RESET_SCAN:
             self._scanned = 0

@@ -1,5 +1,5 @@
 """
-Network management: commands, boot-up message, heartbeat and its supervision by a drive.
+Network management: commands, boot-up message, and the heartbeat that drives monitor.
 
 The library names a state and the command that leads to it alike, such as ``'OPERATIONAL'``.
 
@@ -21,7 +21,7 @@ SUPERVISED_HEARTBEAT_BITS = 0x00FFFFFF  # of 1016h; the highest byte is reserved
 
 
 def command(name: str, node_id: int) -> bytes:
-    """Return the data of a command to one node, 0 for all nodes."""
+    """Return the data of a command to a node; node 0 addresses all nodes."""
     return bytes([NMT_COMMANDS[name], node_id])
 
 
@@ -29,7 +29,7 @@ _STATE_NUMBERS = {name: number for number, name in NMT_STATES.items()}
 
 
 def heartbeat(state: str) -> bytes:
-    """Return the data of the heartbeat of a node in a state."""
+    """Return the data of the heartbeat of a node in the given state."""
     return bytes([_STATE_NUMBERS[state]])
 
 
@@ -37,21 +37,21 @@ _STATE_BITS = 0x7F  # the highest bit is reserved
 
 
 def state_number(data: bytes) -> int:
-    """Return the number of the state in a heartbeat; 0 is the boot-up message."""
+    """Return the state number in a heartbeat; 0 is the boot-up message."""
     return data[0] & _STATE_BITS
 
 
 class SupervisedHeartbeat(NamedTuple):
-    """Heartbeat that a drive supervises (1016h); a time-out of 0 switches this off."""
+    """Heartbeat that a drive monitors (1016h); a time-out of 0 switches monitoring off."""
 
     node_id: int
     timeout: int  #: [ms]
 
     @classmethod
     def decode(cls, value: int) -> SupervisedHeartbeat:
-        """Return the content of an object, whose highest byte is reserved."""
+        """Decode an object value, whose highest byte is reserved."""
         return cls(value >> 16 & 0xFF, value & 0xFFFF)
 
     def encode(self) -> int:
-        """Return the value of the object."""
+        """Encode the value of the object."""
         return self.node_id << 16 | self.timeout

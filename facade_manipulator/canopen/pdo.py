@@ -1,5 +1,5 @@
 """
-PDOs: their objects, from which codecs and configuration of the drives follow.
+PDOs: their mapped objects, from which codecs and drive configuration are derived.
 
 TPDO and RPDO are named from the side of the drive: the master encodes RPDOs and decodes TPDOs. The
 drive type determines the mapped objects; `PDO_MAP` is the mapping for drives with free mapping.
@@ -30,7 +30,7 @@ PDO_NAMES = (
 
 
 class MappedObject(NamedTuple):
-    """Object in a PDO; `code` is its letter in `struct`."""
+    """Object in a PDO; `code` is its format character in `struct`."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
@@ -38,7 +38,7 @@ class MappedObject(NamedTuple):
 
     @property
     def mapping(self) -> int:
-        """Return the entry of 1600h or 1A00h: index, subindex and length in bits."""
+        """Return the mapping entry (1600h or 1A00h): index, subindex and length in bits."""
         return (
             self.index << 16 | self.subindex << 8 | 8 * struct.calcsize(f'<{self.code}')
         )
@@ -46,7 +46,7 @@ class MappedObject(NamedTuple):
 
 @dataclass
 class Pdo:
-    """Process data object: its name, such as 'TPDO1', and its mapped objects."""
+    """Process data object: a name, such as 'TPDO1', and its mapped objects."""
 
     # Hz, maximum rate of cycles at which the bus has room for every PDO
     HIGHEST_FULL_RATE = 200
@@ -69,7 +69,7 @@ class Pdo:
 
     def transmission(self, rate: int) -> int:
         """
-        Return the transmission type n at a rate of SYNC [Hz].
+        Return the transmission type n for a SYNC rate [Hz].
 
         A drive sends a TPDO at every n-th SYNC; an RPDO always has 1 and applies at the next SYNC.
         TPDOs with an object of `STATUS_OBJECTS` also have 1: each of them is an answer to a SYNC.
@@ -84,7 +84,7 @@ class Pdo:
         return 1 if rate <= self.HIGHEST_FULL_RATE else ceil(rate / 50)
 
     def cob_id(self, node_id: int) -> int:
-        """Return the COB-ID of this PDO at a node."""
+        """Return the COB-ID of this PDO for a node id."""
         first = cob_ids.TPDO if self.is_transmitted else cob_ids.RPDO
         return first + cob_ids.PDO_STEP * (self.number - 1) + node_id
 
@@ -107,7 +107,7 @@ class Pdo:
 
     def configure_writes(self, node_id: int, rate: int = 100) -> list[Write]:
         """
-        Return the writes that configure the PDO, in the order that CiA 301 prescribes.
+        Return the writes that configure the PDO, in the order prescribed by CiA 301.
 
         The order is: disable, count 0, entries, count, transmission type at a rate of SYNC [Hz],
         enable. The first two are not read back, because later writes replace them.
@@ -126,7 +126,7 @@ class Pdo:
         return writes
 
     def _cob_id_entry(self, node_id: int) -> int:
-        """Return the entry of the COB-ID that enables the PDO."""
+        """Return the COB-ID entry that enables the PDO."""
         return self.cob_id(node_id) | (
             cob_ids.RTR_NOT_ALLOWED if self.is_transmitted else 0
         )
@@ -175,6 +175,6 @@ KNOWN_OBJECTS = {
 
 
 def unused_pdos(used: Iterable[Pdo]) -> tuple[Pdo, ...]:
-    """Return the unused PDOs among the four of each direction."""
+    """Return the unused PDOs among the first four of each direction."""
     names = {one.name for one in used}
     return tuple(Pdo(name) for name in PDO_NAMES if name not in names)

@@ -1,5 +1,5 @@
 """
-SDO of CiA 301 on a `CanBus`, in steps: a client that never waits by itself.
+SDO client (CiA 301) on a `CanBus` as generator steps: the client never waits by itself.
 
 `SdoChannel.read` and `SdoChannel.write` are generators. Each sends a request and yields until
 `SdoChannel.receive` has the answer, or until the time of the answer is over. The owner of the bus
@@ -85,7 +85,7 @@ def upload_request(index: int, subindex: int) -> bytes:
 
 
 def is_write(request: bytes) -> bool:
-    """Return whether a request begins to write an object, at once or in blocks."""
+    """Return whether a request begins a write, either expedited, segmented or in blocks."""
     return request[0] >> 5 in _WRITE_REQUESTS
 
 
@@ -106,7 +106,7 @@ _HAS_SIZE = 0x01
 
 def complete_answer(data: bytes, size: int = 4) -> bytes | None:
     """
-    Return an answer with eight bytes and without reserved bits.
+    Return an answer padded to eight bytes, with its reserved bits cleared.
 
     CiA 301 gives an SDO frame eight bytes, but some drives omit the bytes that are not used.
     `size` is the size of the object in an upload without a size [bytes]. Return None if the
@@ -133,7 +133,7 @@ def complete_answer(data: bytes, size: int = 4) -> bytes | None:
 
 
 def expedited_number(answer: bytes) -> int | None:
-    """Return the number in an answer that contains the value, None for another answer."""
+    """Return the number in an expedited answer; None for any other answer."""
     first = answer[0]
     if first >> 5 != _UPLOAD or not first & _EXPEDITED:
         return None
@@ -141,7 +141,7 @@ def expedited_number(answer: bytes) -> int | None:
 
 
 class SdoAbortError(DriveObjectError):
-    """A drive has aborted the transfer of an object; the message contains the SDO abort code."""
+    """A drive aborted the transfer of an object; the message contains the SDO abort code."""
 
     NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
 
@@ -152,12 +152,12 @@ class SdoAbortError(DriveObjectError):
 
 
 class _AttemptError(Exception):
-    """The answer to a request is missing or has another command; the transfer is repeated."""
+    """The answer to a request is missing or has an unexpected command; retry the transfer."""
 
 
 @dataclass
 class _Transfer:
-    """Transfer of one object, with the answer to its present request."""
+    """Transfer of one object, with the answer to the present request."""
 
     index: int
     subindex: int
@@ -171,13 +171,13 @@ class _Transfer:
         return f'object {self.index:04X}h:{self.subindex:02X}'
 
     def download_request(self, size: int) -> bytes:
-        """Return the request that begins a segmented download of a size [bytes]."""
+        """Return the request that begins a segmented download of `size` bytes."""
         return struct.pack(
             '<BHBL', _SEGMENTED_DOWNLOAD_REQUEST, self.index, self.subindex, size
         )
 
     def receive(self, data: bytes) -> None:
-        """Store only the first answer to a request, because a faulty drive may send many."""
+        """Store the first answer to a request and ignore others: a faulty drive may send many."""
         answer = complete_answer(data, self.size or 4)
         if answer is None:
             if self.expected.startswith(data[1:4]):
@@ -188,13 +188,13 @@ class _Transfer:
 
 @lru_cache(maxsize=16)
 def _dictionary(eds: Path, node_id: int) -> ObjectDictionary:
-    """Return the objects in an EDS; a process reads it once, because reading takes 40 ms."""
+    """Return the objects of an EDS; cache them, because reading takes 40 ms."""
     return read_dictionary(eds, node_id)
 
 
 class SdoChannel:
     """
-    Objects of one drive, with its name for the operator, such as ``'q2'``.
+    Access to the objects of one drive, whose name, such as ``'q2'``, is shown to the operator.
 
     The EDS is the object dictionary of the drive type, which contains the sizes. One transfer
     runs at a time. It may be closed before its end: the next transfer ignores the answers for
@@ -216,12 +216,12 @@ class SdoChannel:
         self._transfer: _Transfer | None = None
 
     def limit_time(self, deadline: float) -> None:
-        """Send no request after a time on the monotonic clock [s]."""
+        """Forbid requests after a time on the monotonic clock [s]."""
         self.deadline = deadline
 
     def receive(self, frame: Frame) -> None:
         """
-        Take an answer of the drive.
+        Receive an answer of the drive.
 
         Answers for another object are ignored: they are late, or answers to other requests.
         """
@@ -241,14 +241,14 @@ class SdoChannel:
     def read_number(
         self, index: int, subindex: int = 0, signed: bool = False
     ) -> Steps[int]:
-        """Return a number read from an object; raises the errors of `read`."""
+        """Read an object and return its value as a number; raises as `read`."""
         data = yield from self.read(index, subindex)
         return int.from_bytes(data, 'little', signed=signed)
 
     def read_optional(
         self, index: int, subindex: int = 0, signed: bool = False
     ) -> Steps[int | None]:
-        """Return a number read from an object, None if the drive lacks the object."""
+        """Read an object and return its value as a number; None if the drive lacks the object."""
         try:
             return (yield from self.read_number(index, subindex, signed))
         except SdoAbortError as error:
@@ -257,12 +257,12 @@ class SdoChannel:
         return None
 
     def write(self, index: int, subindex: int, data: bytes) -> Steps[None]:
-        """Write an object until its confirmation; raises the errors of `read`."""
+        """Write an object and wait until the drive confirms the write; raises as `read`."""
         transfer = _Transfer(index, subindex, self.size(index, subindex))
         yield from self._repeat(transfer, partial(self._download, transfer, data))
 
     def size(self, index: int, subindex: int) -> int | None:
-        """Return the size of an object [bytes], None if the EDS does not define a size."""
+        """Return the size of an object [bytes]; None if the EDS defines no size."""
         variable = self._dictionary.get_variable(index, subindex)
         if variable is None or not variable.fixed_size:
             return None
@@ -276,7 +276,7 @@ class SdoChannel:
     def _repeat(
         self, transfer: _Transfer, attempt: Callable[[], Steps[Result]]
     ) -> Steps[Result]:
-        """Retry a transfer after a lost or foreign answer; an abort counts as an answer."""
+        """Retry a transfer after a missing or foreign answer; an abort counts as an answer."""
         self._transfer = transfer
         for _ in range(ATTEMPTS):
             try:
@@ -296,7 +296,7 @@ class SdoChannel:
     # --- transfers
 
     def _upload(self, transfer: _Transfer) -> Steps[bytes]:
-        """Return the bytes of an object, of the size in the EDS at most."""
+        """Return the bytes of an object, at most as many as the EDS defines."""
         request = upload_request(transfer.index, transfer.subindex)
         answer = yield from self._ask(transfer, request, _UPLOAD)
         first = answer[0]
@@ -315,7 +315,7 @@ class SdoChannel:
         return data
 
     def _upload_segments(self, transfer: _Transfer) -> Steps[bytes]:
-        """Request the segments of an upload one after another; return their data."""
+        """Request the segments of an upload in order; return the joined data."""
         data = b''
         toggle = 0
         while True:
@@ -331,7 +331,7 @@ class SdoChannel:
             toggle ^= _TOGGLE
 
     def _download(self, transfer: _Transfer, data: bytes) -> Steps[None]:
-        """Write data: up to 4 bytes in the request, more in segments after it."""
+        """Write data: up to 4 bytes within the request, more bytes in subsequent segments."""
         if 1 <= len(data) <= 4:
             request = expedited_download(transfer.index, transfer.subindex, data)
             yield from self._ask(transfer, request, _DOWNLOAD)
@@ -354,7 +354,7 @@ class SdoChannel:
     # --- requests of a transfer
 
     def _ask(self, transfer: _Transfer, request: bytes, specifier: int) -> Steps[bytes]:
-        """Send a request; return its answer of eight bytes, which contains a command specifier."""
+        """Send a request; return its eight-byte answer if the command specifier is correct."""
         begins = specifier in (_UPLOAD, _DOWNLOAD)
         transfer.expected = request[1:4] if begins else b''
         transfer.answer = None
@@ -374,7 +374,7 @@ class SdoChannel:
         return answer
 
     def _send(self, transfer: _Transfer, request: bytes) -> None:
-        """Send a request of a transfer, unless its time is over."""
+        """Send a request of a transfer, unless the deadline has passed."""
         if self._now() > self.deadline:
             raise DriveTimeoutError(
                 f'{self.title} was still busy with {transfer} when the time for this request was '
@@ -384,12 +384,12 @@ class SdoChannel:
         self._bus.send(cob_id, request.ljust(SDO_FRAME_LENGTH, b'\0'))
 
     def _abort(self, transfer: _Transfer, code: int) -> _AttemptError:
-        """Abort a transfer with a code; return the error of this attempt."""
+        """Abort a transfer with an abort code; return the error of this attempt."""
         self._send(transfer, struct.pack('<B3xL', _ABORT_REQUEST, code))
         return _AttemptError(f'abort {code:08X}h')
 
     def _rejection(self, transfer: _Transfer, code: int) -> SdoAbortError:
-        """Return the error for the abort code of a drive."""
+        """Return the error for an abort code received from a drive."""
         meaning = SdoAbortedError.CODES.get(code, 'no further reason')
         return SdoAbortError(
             f'{self.title} rejects {transfer}: {meaning[:1].lower()}{meaning[1:]} (abort '

@@ -1,5 +1,5 @@
 """
-SYNC of a drive that sends it itself, until configure ends it.
+SYNC sent by a drive, until configure disables it.
 
 References
 ----------
@@ -35,7 +35,7 @@ class SyncProducer:
         return cob_id
 
     def end(self, objects: SdoChannel) -> Steps[list[str]]:
-        """End the SYNC that the drive sends; return notes for the operator."""
+        """Disable the SYNC that the drive sends; return notes for the operator."""
         cob_id = yield from self.find(objects)
         if not cob_id & PRODUCER:
             return []

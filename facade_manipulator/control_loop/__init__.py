@@ -1,5 +1,5 @@
 """
-Control loop in a separate process, so that no library of the node can delay the loop.
+Control loop in a separate process, which libraries of the node cannot delay.
 
 The loop receives a `LoopSetup`, setpoints, requests and live parameters over a channel that never
 waits. It sends states, replies and rejections. When the node ends or hangs, the loop ramps the

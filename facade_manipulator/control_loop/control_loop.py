@@ -1,5 +1,5 @@
 """
-Process of the control loop: drives, bus and mechanism, and the messages that they receive.
+Process of the control loop: drives, bus, mechanism, and the messages from the node.
 
 One thread does the work, turn by turn:
 
@@ -46,7 +46,7 @@ _log = logging.getLogger(__name__)
 
 
 def guarded_follower(setup: LoopSetup) -> tuple[SetpointFollower, Guard]:
-    """Return the follower of setpoints, and the guard of its mechanism."""
+    """Return the follower of setpoints and the guard of the mechanism."""
     guard = Guard(
         setup.geometry,
         setup.stopping.separation,
@@ -63,7 +63,7 @@ def guarded_follower(setup: LoopSetup) -> tuple[SetpointFollower, Guard]:
 
 
 class HangAlarm:
-    """Alarm of the kernel, which ends a process that has not renewed it for some time."""
+    """Kernel alarm that ends this process if the process does not renew the alarm in time."""
 
     RENEWAL_PERIOD = 1.0  # s
 
@@ -71,19 +71,19 @@ class HangAlarm:
         self._renewal = -math.inf  # time at which it is due [s, monotonic]
 
     def renew(self, now: float) -> None:
-        """Postpone the alarm, at most once a second, at a time [s, monotonic]."""
+        """Postpone the alarm at a time [s, monotonic], at most once a second."""
         if now >= self._renewal:
             self._renewal = now + self.RENEWAL_PERIOD
             self.set(HANG_TIMEOUT)
 
     def set(self, timeout: float) -> None:
-        """End the process after a time [s], 0 for never."""
+        """Set the alarm to end the process after a timeout [s]; 0 switches the alarm off."""
         signal.setitimer(signal.ITIMER_REAL, timeout)
 
 
 class ControlLoop:
     """
-    Controller of the drives, and the messages between controller and node.
+    Owner of the drive controller, which exchanges messages with the node.
 
     A test may pass its clock and its machine: follower and controller on a bus of the test. The
     alarm is that of a process for itself. Raises the ParameterErrors of `DriveController`.
@@ -133,7 +133,7 @@ class ControlLoop:
         }
 
     def _open_bus(self) -> CanBus:
-        """Open the bus without the alarm: some interfaces take 10 s, and no drive has power."""
+        """Open the bus without the alarm: some interfaces need 10 s; no drive has power yet."""
         if self._alarm is not None:
             self._alarm.set(0.0)
         try:
@@ -143,7 +143,7 @@ class ControlLoop:
                 self._alarm.set(HANG_TIMEOUT)
 
     def run(self) -> None:
-        """Serve the node until it closes, ends, or is silent while the drives may have power."""
+        """Serve the node until it closes or ends, or is silent while the drives may have power."""
         self._feed()
         self._channel.send('started', self.controller.snapshot(), self.follower.status)
         self.controller.publish_to(self._send_state)
@@ -155,11 +155,11 @@ class ControlLoop:
                 _log.error('%s: the carriages ramp down and the power goes off', loss)
 
     def end(self) -> None:
-        """End `run` after the present turn; call `close` afterwards."""
+        """End `run` after the present turn; the caller then calls `close`."""
         self._ends = True
 
     def _turn(self) -> None:
-        """Wait for frames or messages, and handle them; do the step if it is due."""
+        """Wait for frames or messages and handle them; execute the cycle step if it is due."""
         if self._alarm is not None:
             self._alarm.renew(self._clock.monotonic())
         if self.controller.bus.exchange is None:
@@ -171,7 +171,7 @@ class ControlLoop:
         self.controller.step()
 
     def _read(self) -> None:
-        """Handle all commands of the node, then the newest messages of the stream."""
+        """Handle all commands of the node, then the newest stream messages."""
         for message in self._channel.commands():
             self._handle(*message)
         end = (
@@ -210,7 +210,7 @@ class ControlLoop:
 
     def _close_controller(self) -> bool:
         """
-        Run the request close until it replies; return whether it has succeeded.
+        Run the request close until it replies; return whether it succeeded.
 
         Without a reply in time, or with an error, the drives may have power.
         """
@@ -231,11 +231,11 @@ class ControlLoop:
     # --- from the node
 
     def _feed(self) -> None:
-        """Record the time [s, monotonic] of a feed, which shows that the node is alive."""
+        """Record the time [s, monotonic] of a feed, which proves that the node is alive."""
         self._fed = self._clock.monotonic()
 
     def _add_setpoint(self, stamp: float, *motion: Any) -> None:
-        """Add a setpoint at its stamp on the system clock [s], which may have been set."""
+        """Add a setpoint; convert its stamp [s] from the system clock, which may have been set."""
         time = self._steady_time.from_stamp(stamp)
         try:
             self.follower.add(Setpoint(time, *motion), self._clock.monotonic())
@@ -249,7 +249,7 @@ class ControlLoop:
         self.simulator.apply_forces(forces)
 
     def _start_request(self, number: int, name: str) -> None:
-        """Start a request by its name; send the reply with the number of the request."""
+        """Start a request by name; its reply is sent with the number of the request."""
 
         def send_reply(reply: Any) -> None:
             failed = isinstance(reply, Exception)
@@ -259,19 +259,19 @@ class ControlLoop:
         self.controller.request(name, send_reply)
 
     def _change_limits(self, limits: MotionLimits) -> None:
-        """Apply limits that the node has analysed, which takes 5 ms; check only the ranges."""
+        """Apply limits and check their ranges; the node has analysed them, which takes 5 ms."""
         self.follower.change_limits(replace(limits))
 
     @property
     def _may_have_power(self) -> bool:
-        """Return whether drives may have power, which stopped drives keep until a reset."""
+        """Return whether drives may have power; stopped drives keep power until a reset."""
         state = self.controller.snapshot().state
         return state.has_power or state is ControllerState.STOPPED
 
     # --- to the node
 
     def _send_state(self, snapshot: ControllerSnapshot) -> None:
-        """Send a new state."""
+        """Send a new snapshot to the node."""
         self._channel.send('state', snapshot, self.follower.status)
 
 
@@ -280,7 +280,7 @@ SETUP_TIMEOUT = 10.0  # s, that the node has for sending the setup
 
 def main(commands: int, stream: int) -> int:
     """
-    Receive the setup, run the loop until the node ends it; return the exit status.
+    Receive the setup, and run the loop until the node ends it; return the exit status.
 
     The arguments are the file descriptors of the channel's sockets.
     """
@@ -315,7 +315,7 @@ def main(commands: int, stream: int) -> int:
 
 def _start_logging() -> None:
     """
-    Write the log in the format of ROS.
+    Configure logging in the format of ROS.
 
     A separate thread writes, because a terminal may block the output.
     """

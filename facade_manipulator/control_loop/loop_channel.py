@@ -1,5 +1,5 @@
 """
-Channel of whole messages between two processes over two Unix socket pairs, without waiting.
+Channel for whole messages between two processes; it uses two Unix socket pairs and never waits.
 
 SOCK_SEQPACKET sockets keep messages whole, and their buffers are the bound. *Commands* arrive, all
 and in order. Messages of the *stream* may get lost, because the next ones replace them. A flood of
@@ -56,7 +56,7 @@ for _counters in (CycleStatistics, BusStatistics):
 
 @dataclass(frozen=True)
 class LoopSetup:
-    """Settings of the loop, sent once at its start."""
+    """Settings of the loop, which the node sends once at the start."""
 
     geometry: Geometry
     controller: ControllerSettings
@@ -85,17 +85,17 @@ class LoopSetup:
 
     @property
     def extra_time(self) -> float:
-        """Return the time that slow brakes add to the end of the loop [s]."""
+        """Return the additional time that the end of the loop needs for slow brakes [s]."""
         return braking_time(max(axis.stop_time for axis in self.axes))
 
     @property
     def stopping(self) -> StoppingAnalysis:
-        """Return the stopping analysis; the node has called its `check` before the loop starts."""
+        """Return the stopping analysis; the node calls its `check` before starting the loop."""
         return StoppingAnalysis(self.geometry, self.limits, self.axes, self.controller)
 
 
 def channel_ends() -> tuple[tuple[socket.socket, ...], tuple[socket.socket, ...]]:
-    """Return the sockets of both ends of a channel, each (commands, stream)."""
+    """Return the sockets for both ends of a channel, each as (commands, stream)."""
     commands = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     stream = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     return (commands[0], stream[0]), (commands[1], stream[1])
@@ -103,7 +103,7 @@ def channel_ends() -> tuple[tuple[socket.socket, ...], tuple[socket.socket, ...]
 
 class Channel:
     """
-    End of a channel, which one thread uses.
+    One end of a channel, used by a single thread.
 
     The channel owns both sockets, each of which is one of a SOCK_SEQPACKET pair.
     """
@@ -121,7 +121,7 @@ class Channel:
 
     def send(self, kind: str, *content: Any) -> bool:
         """
-        Send a message without waiting; return whether it has fitted into the buffer.
+        Send a message without waiting; return whether it fitted into the buffer.
 
         The end of the other process is reported by the methods that receive.
         """
@@ -136,12 +136,12 @@ class Channel:
         return True
 
     def wait(self, timeout: float) -> None:
-        """Wait for a command until a timeout [s]."""
+        """Wait until a command arrives or a timeout [s] expires."""
         self._poll_commands.poll(1e3 * timeout)
 
     def commands(self) -> Iterator[Message]:
         """
-        Receive the commands that wait, in order.
+        Receive all waiting commands in order.
 
         Raises a ConnectionError if the process at the other end has closed it, or has ended.
         """
@@ -153,7 +153,7 @@ class Channel:
     def stream(
         self, number: int, may_continue: Callable[[], bool] = lambda: True
     ) -> list[Message]:
-        """Receive the stream while a condition holds; return its newest messages, in order."""
+        """Receive stream messages while a condition holds; return the newest in order."""
         newest = deque[bytes](maxlen=number)
         while may_continue():
             data = _receive(self._stream, self._poll_stream)
@@ -163,7 +163,7 @@ class Channel:
         return [pickle.loads(data) for data in newest]
 
     def close(self) -> None:
-        """Close this end; the other end raises a ConnectionError."""
+        """Close this end; the other end then raises a ConnectionError."""
         self._commands.close()
         self._stream.close()
 
@@ -175,7 +175,7 @@ def _poll_of(end: socket.socket) -> select.poll:
 
 
 def _receive(end: socket.socket, poll: select.poll) -> bytes | None:
-    """Return a message without waiting, None for none, ``b''`` after the end."""
+    """Return a waiting message; None without a message, ``b''`` if the other end is closed."""
     if not poll.poll(
         0
     ):  # the exception of an empty socket would take 4 us, this takes 1 us

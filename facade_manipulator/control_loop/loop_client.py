@@ -1,5 +1,5 @@
 """
-Node's side of the control loop: start of its process, requests, setpoints and states.
+Client of the control loop in the node: starts its process, sends requests, receives states.
 
 Only the first start and `close` wait. The node reads the messages of the loop when it feeds the
 loop or takes states. A thread that waited for them would take the interpreter from the executor in
@@ -51,7 +51,7 @@ START_CODE = (  # the new interpreter imports from where this one does
 
 def start_process(*ends: socket.socket) -> subprocess.Popen[bytes]:
     """
-    Start the loop in a separate process that inherits both sockets of a channel.
+    Start the loop in a separate process, which inherits both sockets of a channel end.
 
     It is a new interpreter instead of a fork, without the threads, locks and libraries of this
     process. It has its own session, so that the signals of a terminal reach only the node, which
@@ -73,7 +73,7 @@ OnReply = Callable[[Any], None]
 
 class LoopClient:
     """
-    Interface of the node to the control loop, which one thread uses.
+    Interface between the node and the control loop, used by a single thread.
 
     `on_rejection` takes reason and message of a setpoint that the loop has rejected. It is called
     by `read`, as is the function that takes the reply to a request. The result of `launch` needs
@@ -133,7 +133,7 @@ class LoopClient:
 
     def start(self) -> None:
         """
-        Start a process, also after the end of the last; `read` receives its first state.
+        Start a process, also after an earlier process has ended; `read` receives its first state.
 
         Raises a ManipulatorError if the system starts no process.
         """
@@ -156,7 +156,7 @@ class LoopClient:
         self._command('forbid', self._forbidden, self._remedy)
 
     def _wait_for_start(self) -> None:
-        """Wait for the first message of the loop."""
+        """Wait until the loop sends its first message."""
         message = None
         self._channel.wait(self.START_TIMEOUT)
         with suppress(ConnectionError):
@@ -176,7 +176,7 @@ class LoopClient:
     # --- to the loop
 
     def request(self, name: str, on_reply: OnReply) -> None:
-        """Request a transition or a test; `read` passes the reply to a function."""
+        """Request a transition or a test; `read` later passes the reply to `on_reply`."""
         number = next(self._numbers)
         self._pending[number] = on_reply
         if self._is_lost:
@@ -185,12 +185,12 @@ class LoopClient:
             self._command('request', number, name)
 
     def send_setpoint(self, setpoint: Setpoint) -> None:
-        """Pass a setpoint to the loop; `on_rejection` receives its rejection."""
+        """Send a setpoint to the loop; a rejection is passed to `on_rejection`."""
         self._channel.send('setpoint', *setpoint)
 
     def feed(self) -> None:
         """
-        Show that the node is alive, read the messages of the loop, and end a loop that hangs.
+        Prove that the node is alive, read the loop's messages, and end a loop that hangs.
 
         The loop runs only while this method is called. The node calls it last in its cycle, so
         that an earlier exception ends the loop.
@@ -215,22 +215,22 @@ class LoopClient:
             self._end_closed(0.0)
 
     def stop(self, cause: str) -> None:
-        """Quick stop all axes at once."""
+        """Quick-stop all axes at once."""
         self._command('stop', cause)
 
     def forbid_power(self, cause: str, remedy: str = '') -> None:
-        """Forbid power, also to a loop that is started later, until a call with ``''``."""
+        """Forbid power, also for a loop started later, until a call with the cause ``''``."""
         if (cause, remedy) != (self._forbidden, self._remedy):
             self._forbidden = cause
             self._remedy = remedy
             self._command('forbid', cause, remedy)
 
     def check(self, limits: MotionLimits) -> None:
-        """Raise a ParameterError for limits with which carriages would touch."""
+        """Raise a ParameterError if the carriages could touch with these limits."""
         replace(self._setup, limits=limits).stopping.check()
 
     def change(self, limits: MotionLimits) -> None:
-        """Replace the limits of motion, which were checked, from the next cycle."""
+        """Replace the motion limits, which are already checked, from the next cycle."""
         self._setup = replace(self._setup, limits=limits)
         self._command('limits', limits)
 
@@ -239,7 +239,7 @@ class LoopClient:
         self._channel.send('forces', *forces)
 
     def _command(self, kind: str, *content: Any) -> None:
-        """Send a command, and end a loop that has not read the commands before it."""
+        """Send a command; end a loop that has not read the previous commands."""
         if self._is_lost or self._channel.send(kind, *content):
             return
         _end(self._process)
@@ -258,14 +258,14 @@ class LoopClient:
         return self._state[1]
 
     def take_states(self) -> list[ControllerSnapshot]:
-        """Return the states received since the last call, at most 100 per second."""
+        """Return the states received since the last call, at most 100 states per second."""
         self.read()
         states = [*self._states]
         self._states.clear()
         return states
 
     def read(self) -> None:
-        """Receive the messages that the loop has sent, then pass the replies on."""
+        """Receive the loop's messages, then call the functions for its replies."""
         if not self._is_lost:
             self._receive()
         while self._replies:  # an exception of one leaves the others for the next call
@@ -273,7 +273,7 @@ class LoopClient:
             on_reply(reply)
 
     def _receive(self) -> None:
-        """Handle the messages that wait; states are newer than the replies before them."""
+        """Handle all waiting messages; states are newer than the replies sent before them."""
         try:
             for message in self._channel.commands():
                 self._handle(*message)
@@ -288,7 +288,7 @@ class LoopClient:
             )
 
     def _handle(self, kind: str, content: tuple[Any, ...]) -> None:
-        """Handle a message of the loop, which shows that it works."""
+        """Handle a message of the loop, which also proves that the loop is running."""
         self._unanswered = 0
         if kind == 'started':
             self._state = content
@@ -306,7 +306,7 @@ class LoopClient:
             self._lose(f'the control loop did not start: {content[0]}')
 
     def _lose(self, reason: str) -> None:
-        """Note the end of the process, and reject the requests without a reply."""
+        """Record the end of the process, and reject all unanswered requests."""
         if self._is_lost:
             return
         snapshot, status = self._state
@@ -327,7 +327,7 @@ class LoopClient:
         self._reject_pending(reason)
 
     def _reject_pending(self, reason: str) -> None:
-        """Fail all requests without a reply, because the loop has ended."""
+        """Reject all unanswered requests, because the loop has ended."""
         reason = outcome_of(self.snapshot()).with_next_step(reason)
         for on_reply in self._pending.values():
             self._replies.append((on_reply, DriveError(reason)))
@@ -362,7 +362,7 @@ class LoopClient:
 
     def close(self) -> Any:
         """
-        Shut down and wait for the end; return the last reply.
+        Shut down, wait until the process has ended, and return the last reply.
 
         Raises a DriveError with the drives whose power is not confirmed off.
         """
@@ -377,7 +377,7 @@ class LoopClient:
         return replies[0]
 
     def _end_closed(self, timeout: float) -> None:
-        """End a loop that was shut down, after waiting for its own end [s]."""
+        """End a loop that was shut down, unless it exits by itself within a timeout [s]."""
         if self._is_lost:
             return
         self._command('close')
@@ -388,7 +388,7 @@ class LoopClient:
 
 
 def _end(process: subprocess.Popen[bytes], timeout: float = 0.0) -> int | str:
-    """Wait for the end of a process, kill it after a timeout [s]; return its exit status."""
+    """Wait for a process to end, and kill it after a timeout [s]; return its exit status."""
     with suppress(subprocess.TimeoutExpired):
         return process.wait(timeout)
     process.kill()

@@ -1,4 +1,4 @@
-"""Nodes, one executable per file: parameters, pure core, publishers."""
+"""Nodes, one file for each: parameters, ROS-free core, publishers."""
 
 import os
 

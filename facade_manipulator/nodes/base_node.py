@@ -1,4 +1,4 @@
-"""Base class of the nodes: the methods that `run` calls, and the owner of each callback."""
+"""Base class of the nodes: methods that `run` calls, and the link from callbacks to their node."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from facade_manipulator.nodes.diagnostics import Diagnostics
 
 class CallbackError(Exception):
     """
-    Exception of a callback, raised from the original exception.
+    An exception of a callback, chained to the original exception.
 
     `is_defect` is False in a service of rclpy, where a bad request raises an exception, such as
     that for a parameter of an unknown type.
@@ -29,7 +29,7 @@ class CallbackError(Exception):
 
 class BaseNode(Node):
     """
-    Node that `run` starts, watches and ends.
+    Node that `run` starts, monitors and ends.
 
     Each callback raises a `CallbackError` with this node. A callback that calls another node
     passes the error of that node on.
@@ -58,22 +58,22 @@ class BaseNode(Node):
     # --- called by `run`
 
     def next_step(self) -> str:
-        """Return the next step of the operator as the end of a message, ``''`` for none."""
+        """Return the operator's next step as the end of a message, or ``''``."""
         return ''
 
     @property
     def is_finalized(self) -> bool:
-        """Return whether the node wants its process to end."""
+        """Return whether the process of this node should end."""
         return False
 
     def handle_exception(self, error: Exception) -> None:
-        """React to an exception in a callback of this node, which is a defect."""
+        """Handle an exception in a callback of this node, which is a programming error."""
 
     def close(self) -> None:
-        """Release what the node owns; ROS still runs."""
+        """Release all resources of the node; ROS still runs at this time."""
 
     def raise_event_error(self) -> None:
-        """Raise the newest exception of an event of a subscription."""
+        """Raise the newest exception from a subscription event."""
         error = self._event_error
         self._event_error = None
         if error is not None:
@@ -87,7 +87,7 @@ class BaseNode(Node):
     # --- callbacks
 
     def owned(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback that raises a `CallbackError` with this node."""
+        """Wrap a callback so that its exception becomes a `CallbackError` with this node."""
         is_defect = self._is_made
 
         @wraps(callback)
@@ -102,7 +102,7 @@ class BaseNode(Node):
         return call
 
     def _kept(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback whose error `run` raises; here it would crash (rclpy issue 1641)."""
+        """Wrap a callback so that `run` raises its error instead of rclpy (issue 1641)."""
 
         def call(*arguments: Any) -> None:
             try:
@@ -115,7 +115,7 @@ class BaseNode(Node):
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, *args: Any, **options: Any
     ) -> Any:
-        """Create a subscription; its callback and those of its events belong to this node."""
+        """Create a subscription whose callback and event callbacks belong to this node."""
         events = options.get('event_callbacks')
         if events is not None:
             for name, receive in vars(events).items():
@@ -142,9 +142,9 @@ class BaseNode(Node):
         )
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
-        """Add a check of changed parameters that belongs to this node."""
+        """Add a check of parameter changes that belongs to this node."""
         super().add_on_set_parameters_callback(self.owned(callback))
 
     def add_post_set_parameters_callback(self, callback: Any) -> None:
-        """Add a user of changed parameters that belongs to this node."""
+        """Add a function of this node that is called after parameters have changed."""
         super().add_post_set_parameters_callback(self.owned(callback))

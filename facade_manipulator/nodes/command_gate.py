@@ -1,4 +1,4 @@
-"""Gate of compensator and ik_service for commands before the activation of the drives."""
+"""Gate of compensator and ik_service for commands sent before the drives are active."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GATE_PERIOD = 0.05  # s, between two updates of a gate
 
 
 class Command(Protocol):
-    """Goal or pose with its time of reception."""
+    """Command (a goal or a pose) with its time of reception."""
 
     @property
     def received(self) -> float:
@@ -34,7 +34,7 @@ C = TypeVar('C', bound=Command)
 
 class CommandGate(Generic[C]):
     """
-    Gate that passes only commands received while the drives were active.
+    Gate that passes only the commands received while the drives are active.
 
     It is open while driver/status reports active drives. It is also open if no driver/status was
     received within `patience` of the start, because a driver of another make publishes none.
@@ -94,22 +94,22 @@ class CommandGate(Generic[C]):
 
     @property
     def is_open(self) -> bool:
-        """Return whether commands pass."""
+        """Return whether the gate passes commands."""
         return self._opened < math.inf
 
     @property
     def has_passed(self) -> bool:
-        """Return whether a command has passed since the gate opened."""
+        """Return whether the gate has passed a command since it opened."""
         return self._passed >= self._opened > -math.inf
 
     def offer(self, command: C) -> None:
-        """Follow a command, or hold it until the status of the driver decides."""
+        """Follow a command, or hold it until the driver status decides."""
         self.update(command.received)
         self.held = command
         self._decide()
 
     def receive(self, now: float, system_time: float, status: DriverStatus) -> None:
-        """Apply a driver/status; the age of the activation is that on the system clock [s]."""
+        """Apply a driver/status; measure the age of the activation with the system clock [s]."""
         self._deadline = now + self.silence
         before = self.status
         self.status = status
@@ -123,12 +123,12 @@ class CommandGate(Generic[C]):
             self._open(now - age)
 
     def receive_invalid(self) -> None:
-        """Close the gate for a driver whose first status is rejected."""
+        """Close the gate if the first status of the driver is rejected."""
         if self.status is None:
             self._become_silent()
 
     def update(self, now: float) -> None:
-        """Apply the time-outs of the driver's status and of the held command."""
+        """Apply the time-outs of the driver status and of the held command."""
         if self._deadline == math.inf:
             # not in the constructor: a busy process may begin its callbacks late
             self._deadline = now + self.patience
@@ -141,7 +141,7 @@ class CommandGate(Generic[C]):
             self._reject_held(held)
 
     def refusal(self, next_step: str) -> InputError:
-        """Return why commands do not pass, with the last next step of the operator."""
+        """Return why the gate does not pass commands, with the operator's next step at the end."""
         if self.status is None or self.is_open:
             return InputError(
                 'inactive',
@@ -157,7 +157,7 @@ class CommandGate(Generic[C]):
         self._open(math.inf)
 
     def _open(self, since: float) -> None:
-        """Let commands pass that are received after a time [s]; infinity closes the gate."""
+        """Pass commands received after a time [s]; infinity closes the gate."""
         if since == self._opened:
             return
         self._opened = since
@@ -166,7 +166,7 @@ class CommandGate(Generic[C]):
         self._decide()
 
     def _decide(self) -> None:
-        """Follow or reject the held command, unless a status is still expected."""
+        """Follow or reject the held command, unless a driver status is still expected."""
         held = self.held
         if held is None:
             return
@@ -186,7 +186,7 @@ class CommandGate(Generic[C]):
 
 
 def watch_driver(gate: CommandGate[Any], inputs: PublisherWatch) -> None:
-    """Subscribe to the status of the driver for a gate."""
+    """Subscribe to driver/status on behalf of a gate."""
 
     def receive(message: Any) -> None:
         gate.receive(monotonic(), ros_time(), DriverStatus.from_message(message))

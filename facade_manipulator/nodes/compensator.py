@@ -1,4 +1,4 @@
-"""Compensator node: goals on the wall and the disturbance in, corrected poses out."""
+"""Compensator node: receives goals and disturbances, publishes corrected poses."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ if TYPE_CHECKING:
 
 
 def stamp_of(goal: PoseStamped) -> str:
-    """Return the stamp of a goal as text; a goal without a stamp has the present time."""
+    """Return the stamp of a goal as text; use the present time for a goal without a stamp."""
     given = goal.header.stamp
     return planar_messages.stamp_text(given if given != Time() else stamp(ros_time()))
 
 
 class CompensatorNode(BaseNode):
     """
-    Compensator node, which keeps the head at its place on the wall while the gondola moves.
+    Compensator node: keeps the head in place on the wall while the gondola moves.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class CompensatorNode(BaseNode):
             self.connect(None)
 
     def _subscribe(self, frames: planar_messages.Frames) -> None:
-        """Subscribe to goals, estimates and measurements at the wall."""
+        """Subscribe to goals, estimates and measurements of the contact with the wall."""
         subscribe = self.inputs.subscribe
         subscribe(
             topics.GOAL_POSE, self._receive_goal, self._reject_goal, frames.facade
@@ -127,7 +127,7 @@ class CompensatorNode(BaseNode):
 
     def connect(self, ik_service: IkServiceNode | None) -> None:
         """
-        Receive the head's pose through calls of an ik_service in this process, or as messages.
+        Receive the head's pose from an ik_service in this process, or from messages.
 
         Messages are also necessary if both nodes have remapped the topic to different names.
         """
@@ -140,11 +140,11 @@ class CompensatorNode(BaseNode):
             self.inputs.subscribe(topic, self._receive_head, frame_id=self._frames.rail)
 
     def pass_poses_to(self, follow: Callable[[float, Pose], None]) -> None:
-        """Call a function with the time [s, monotonic] and each corrected pose."""
+        """Set a function that receives time [s, monotonic] and value of each corrected pose."""
         self._follow = follow
 
     def add_head(self, time: float, head: Pose) -> None:
-        """Receive the pose of the head from an ik_service in this process [s, monotonic]."""
+        """Receive time [s, monotonic] and pose of the head from an ik_service in this process."""
         self.inputs.accept(
             topics.END_EFFECTOR_POSE,
             partial(self._compensator.following.add_head, time, head),
@@ -158,7 +158,7 @@ class CompensatorNode(BaseNode):
 
     def _receive_goal(self, message: PoseStamped) -> None:
         """
-        Check a goal on the wall and offer it to the gate; a repetition is only answered.
+        Check a goal and offer it to the gate; only answer a repeated goal.
 
         Raises a ManipulatorError for a goal that is malformed, stale or outside the workspace.
         """
@@ -182,13 +182,13 @@ class CompensatorNode(BaseNode):
         self._goals.refuse(str(error))
 
     def _end_goal(self) -> None:
-        """Drop the goal from before a stop or the activation of the drives."""
+        """Drop a goal that was sent before the drives stopped or became active."""
         self._compensator.drop_goal()
         self._goals.end(str(self._gate.refusal('send a new goal')))
 
     def _add_estimate(self, message: PoseWithCovarianceStamped | Odometry) -> None:
         """
-        Pass a disturbance to the compensator, as the pose of the rail or of an estimator on it.
+        Pass a disturbance, measured at the rail or at an estimator on it, to the compensator.
 
         Raises an InputError for a malformed or impossible estimate.
         """
@@ -236,7 +236,7 @@ class CompensatorNode(BaseNode):
         )
 
     def _update(self) -> None:
-        """Publish rail and corrected pose of a cycle."""
+        """Publish the pose of the rail and the corrected pose of this cycle."""
         now = monotonic()
         if self._transform.is_subscribed:
             rail = self._compensator.correction.rail(now)
@@ -247,7 +247,7 @@ class CompensatorNode(BaseNode):
                 self._send(corrected)
 
     def _send(self, corrected: CorrectedPose) -> None:
-        """Pass a corrected pose to the ik_service, and publish it while a node subscribes."""
+        """Pass a corrected pose to the ik_service; publish it if another node subscribes."""
         if self._corrected_poses.get_subscription_count():
             self._corrected_poses.publish(
                 pose_stamped(
@@ -269,7 +269,7 @@ class CompensatorNode(BaseNode):
             self._follow(corrected.time, corrected.pose)
 
     def _report_change(self) -> None:
-        """Publish the progress of the goal, and diagnostics that have changed."""
+        """Publish the progress of the goal, and changed diagnostics."""
         now = monotonic()
         self._gate.update(now)
         self._goals.update(now)
@@ -292,7 +292,7 @@ class CompensatorNode(BaseNode):
     def _enable(
         self, request: SetBool.Request, response: SetBool.Response
     ) -> SetBool.Response:
-        """Enable or disable the correction, which then fades in or out."""
+        """Enable or disable the correction, which fades in or out."""
         correction = self._compensator.correction
         correction.enabled = request.data
         direction = 'in' if request.data else 'out'
@@ -304,7 +304,7 @@ class CompensatorNode(BaseNode):
     def _answer(
         self, act: Callable[[], str], _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        """Answer a request with the message that it returns, or with its error."""
+        """Call a function and answer the request with its message or its error."""
         try:
             response.message = act()
             response.success = True

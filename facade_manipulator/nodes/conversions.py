@@ -1,4 +1,4 @@
-"""Time, timers and messages of ROS for the planar quantities of the package."""
+"""ROS times, timers and messages for the planar quantities of this package."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ _STEADY_TIME = SteadyTime(_CLOCKS)
 
 
 def ros_time() -> float:
-    """Return the present ROS time [s] of the system clock, because nodes reject `use_sim_time`."""
+    """Return the present time of the system clock [s]; nodes reject `use_sim_time`."""
     return _CLOCKS.time()
 
 
 def steady_seconds(stamp: Any) -> float:
-    """Return a stamp as a time on the monotonic clock [s], because the system clock may be set."""
+    """Convert a stamp to a time on the monotonic clock [s]; the system clock may be set."""
     return _STEADY_TIME.from_stamp(seconds(stamp))
 
 
 def system_time(time: float) -> float:
-    """Return a time on the monotonic clock [s] as a time on the system clock [s]."""
+    """Convert a time on the monotonic clock [s] to a time on the system clock [s]."""
     return _STEADY_TIME.to_stamp(time)
 
 
@@ -64,13 +64,13 @@ def steady_timer(
 
 
 def stamp(time: float) -> Time:
-    """Return a time since the epoch [s] as a stamp."""
+    """Convert a time since the epoch [s] to a stamp."""
     sec = math.floor(time)
     return Time(sec=sec, nanosec=int((time - sec) * 1e9))
 
 
 def fill_pose(message: PoseMessage, pose: Pose) -> PoseMessage:
-    """Write a planar pose [m, m, rad] into a message, because a new message would cost 10 us."""
+    """Write a planar pose [m, m, rad] into an existing message; creating a message costs 10 us."""
     message.position.x, message.position.y = float(pose.x), float(pose.y)
     message.orientation.z = math.sin(0.5 * pose.theta)
     message.orientation.w = math.cos(0.5 * pose.theta)
@@ -78,14 +78,14 @@ def fill_pose(message: PoseMessage, pose: Pose) -> PoseMessage:
 
 
 def pose_message(pose: Pose) -> PoseMessage:
-    """Return a planar pose [m, m, rad] as a message."""
+    """Convert a planar pose [m, m, rad] to a message."""
     return fill_pose(PoseMessage(), pose)
 
 
 def pose_stamped(
     frame_id: str, time: float, pose: Pose, message: PoseStamped | None = None
 ) -> PoseStamped:
-    """Return a planar pose with frame and stamp [s], in a given message or a new one (20 us)."""
+    """Return a message with frame, stamp [s] and planar pose; a new message costs 20 us."""
     message = message or PoseStamped()
     message.header.frame_id, message.header.stamp = frame_id, stamp(time)
     fill_pose(message.pose, pose)
@@ -99,7 +99,7 @@ def joint_state(
     effort: PerCarriage | tuple[()] = (),
     message: JointState | None = None,
 ) -> JointState:
-    """Return positions [m], velocities [m/s] and forces [N] in a given message or a new one."""
+    """Return a message with positions [m], velocities [m/s] and forces [N], new or given."""
     message = message or JointState(name=AXIS_NAMES)
     message.header.stamp = stamp(time)
     message.position, message.velocity, message.effort = position, velocity, effort
@@ -107,7 +107,7 @@ def joint_state(
 
 
 class FacadeTransform:
-    """Broadcast of the disturbance, facade → rail, on /tf if tf2_msgs is installed."""
+    """Broadcaster of the disturbance (facade → rail) on /tf, if tf2_msgs is installed."""
 
     def __init__(self, node: Node) -> None:
         self._frames = Frames.of(node.get_namespace())
@@ -122,7 +122,7 @@ class FacadeTransform:
         return bool(self._publisher and self._publisher.get_subscription_count())
 
     def publish(self, time: float, rail: Pose | None) -> None:
-        """Broadcast the pose of `rail` in `facade` at a time [s] if it is known."""
+        """Broadcast the pose of `rail` in `facade` at a time [s], if the pose is known."""
         if self._publisher is None or rail is None:
             return
         place = pose_message(rail)
@@ -139,7 +139,7 @@ class FacadeTransform:
 
 
 class Description:
-    """Publisher of the URDF of the mechanism, and of its joints as they move."""
+    """Publisher of the mechanism's URDF and of its joint positions."""
 
     # s: robot_state_publisher publishes transforms at 20 Hz by default
     JOINTS_PERIOD = 0.05
@@ -154,7 +154,7 @@ class Description:
         self._published = -math.inf
 
     def publish(self, time: float, head: Pose) -> None:
-        """Publish the joints at a time [s], every `JOINTS_PERIOD` while a node subscribes."""
+        """Publish joint positions at a time [s], once per `JOINTS_PERIOD` if a node subscribes."""
         is_early = abs(time - self._published) < self.JOINTS_PERIOD
         if is_early or not self._states.get_subscription_count():
             return

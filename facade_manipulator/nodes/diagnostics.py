@@ -1,4 +1,4 @@
-"""Diagnostics of a node: rejections counted by reason, and its components on /diagnostics."""
+"""Diagnostics of a node: counts of rejections by reason, and components on /diagnostics."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LOG_PERIOD = 10.0  # s, between two log lines of rejections for the same reason
 
 
 def key_values(values: Mapping[str, Any]) -> list[KeyValue]:
-    """Return values as messages; floats have six digits."""
+    """Convert values to messages; floats have six digits."""
     return [
         KeyValue(
             key=key, value=f'{value:.6g}' if isinstance(value, float) else str(value)
@@ -41,7 +41,7 @@ def diagnostic_status(
     values: Mapping[str, Any],
     hardware_id: str = HOST,
 ) -> DiagnosticStatus:
-    """Return the status of a component; `level` is one of `LEVEL_NAMES`."""
+    """Return the status message of a component; `level` is one of `LEVEL_NAMES`."""
     return DiagnosticStatus(
         name=name,
         level=bytes([LEVEL_NAMES.index(level)]),
@@ -53,7 +53,7 @@ def diagnostic_status(
 
 class Diagnostics:
     """
-    Counter of a node's rejections, and publisher of its components each second and on change.
+    Counter of rejections, and publisher of the node's components each second and on change.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Diagnostics:
 
     @contextmanager
     def counted(self) -> Iterator[None]:
-        """Count a `ManipulatorError` of a block and continue after the block."""
+        """Catch and count a `ManipulatorError` raised in a block; continue after the block."""
         try:
             yield
         except ManipulatorError as error:
@@ -91,7 +91,7 @@ class Diagnostics:
         self, error: ManipulatorError, what: str = '', is_logged: bool = True
     ) -> None:
         """
-        Count the rejection of a message or request; log each reason every `LOG_PERIOD`.
+        Count a rejected message or request; log each reason at most once per `LOG_PERIOD`.
 
         `what` is the name of the message or request, if the error has none.
         """
@@ -103,7 +103,7 @@ class Diagnostics:
             self._node.get_logger().warning(self.last_rejection)
 
     def rejections(self) -> dict[str, Any]:
-        """Return the counters of the rejections as values of a component."""
+        """Return the counts of rejections as the values of a component."""
         counts = {
             f'rejected: {reason}': count
             for reason, count in sorted(self._counts.items())

@@ -1,4 +1,4 @@
-"""Disturbance_estimator node: raw sensors on the rail in, pose of the rail out."""
+"""Disturbance_estimator node: receives raw sensor data, publishes the pose of the rail."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from facade_manipulator.rejections import Rejections
 
 
 class DisturbanceEstimatorNode(BaseNode):
-    """Estimator node, which publishes the pose and the velocity of the rail at a fixed rate."""
+    """Estimator node: publishes pose and velocity of the rail at a fixed rate."""
 
     ESTIMATE_PERIOD = 0.01  # s, between two estimates
     PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y and yaw in a covariance of six
@@ -89,7 +89,7 @@ class DisturbanceEstimatorNode(BaseNode):
         steady_timer(self, self.ESTIMATE_PERIOD, self._publish)
 
     def _receive_imu(self, message: Imu) -> None:
-        """Add rates and accelerations, unless a covariance marks one as not measured."""
+        """Add rates and accelerations, unless a covariance marks them as not measured."""
         for quantity, covariance, largest in (
             ('turning rate', message.angular_velocity_covariance, LARGEST_RATE),
             ('acceleration', message.linear_acceleration_covariance, LARGEST_FORCE),
@@ -184,7 +184,7 @@ class DisturbanceEstimatorNode(BaseNode):
         ]
 
     def _outcome(self) -> tuple[str, str]:
-        """Return the level and the message of the estimate."""
+        """Return level and message of the estimate."""
         estimator = self._estimator
         if self._inputs.fault:
             return 'error', self._inputs.fault
@@ -248,7 +248,7 @@ def sensor_outcome(
     age: float, used: int, outliers: int, rejection: str
 ) -> tuple[str, str]:
     """
-    Return level and message of a sensor.
+    Return level and message of one sensor.
 
     They depend on the age of the newest valid measurement [s], the counts since the previous
     look, and the message of the recent rejections, ``''`` for none.

@@ -1,5 +1,5 @@
 """
-Driver node: messages and requests of the control loop, which runs in a separate process.
+Driver node: ROS interface of the control loop, which runs in a separate process.
 
 The node is a managed node: configure starts the bus and checks the drives, activate powers them
 on. A stop of the drives makes the node inactive. The end of the control loop makes it
@@ -54,7 +54,7 @@ from facade_manipulator.nodes.software_stop import SoftwareStop
 
 class DriverNode(ManagedNode):
     """
-    ROS side of the control loop.
+    Driver node: ROS interface of the control loop.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class DriverNode(ManagedNode):
             self.configure_soon(setup.bus.missing)
 
     def close(self) -> None:
-        """Ramp down, power off, close the bus and end the process of the loop."""
+        """Ramp down, power off, close the bus and end the loop's process."""
         try:
             self.get_logger().info(self._loop.close())
         except DriveError as error:
@@ -142,15 +142,15 @@ class DriverNode(ManagedNode):
             self._publish_outcome()
 
     def handle_exception(self, error: Exception) -> None:
-        """Stop the drives after an exception in a callback, which is a defect of this node."""
+        """Stop the drives after an exception in a callback of this node, a programming error."""
         self._loop.stop(f'a callback of the driver raised {error!r}')
 
     def next_step(self) -> str:
-        """Return the next step of the operator as the end of a message."""
+        """Return the operator's next step as the end of a message."""
         return self._outcome().with_next_step('')
 
     def report(self, is_successful: bool, message: str) -> None:
-        """Report the result of a request in the log, on driver/status and on /diagnostics."""
+        """Report the result of a request in the log, in driver/status and in /diagnostics."""
         super().report(is_successful, message)
         self._publish_outcome()
 
@@ -162,7 +162,7 @@ class DriverNode(ManagedNode):
         )
 
     def _receive_setpoint(self, message: JointState) -> None:
-        """Pass a setpoint on to the control loop; raises an InputError for a malformed one."""
+        """Send a setpoint to the control loop; raise an InputError if it is malformed."""
         state = self._loop.snapshot().state
         if state is not ControllerState.ACTIVE:
             reason = (
@@ -183,13 +183,13 @@ class DriverNode(ManagedNode):
         )
 
     def _receive_forces(self, message: JointState) -> None:
-        """Apply the forces of the simulated wall to the simulated drives."""
+        """Apply the contact forces of the simulated wall to the simulated drives."""
         self._loop.apply_forces(
             carriages_from(message.name, message.effort, 'carriage_forces effort')
         )
 
     def _receive_stop(self, name: str, message: Bool, _: object = None) -> None:
-        """Record a stop, also from a topic with two publishers."""
+        """Record a software stop, also if the topic has two publishers."""
         self._software_stop.receive(name, message.data, time.monotonic())
         self._apply_software_stop()
 
@@ -199,7 +199,7 @@ class DriverNode(ManagedNode):
         self._loop.forbid_power(cause, self._software_stop.next_step(now))
 
     def _publish_joint_states(self) -> None:
-        """Publish the measured positions of each new SYNC once."""
+        """Publish the positions measured at each new SYNC, once."""
         for snapshot in self._loop.take_states():
             joints = snapshot.joints()
             if joints is not None and joints.stamp != self._published_stamp:
@@ -207,7 +207,7 @@ class DriverNode(ManagedNode):
                 self._joint_states.publish(joint_state(*joints, message=self._message))
 
     def _supervise(self) -> None:
-        """Apply new states of the loop, then feed the loop, which ends without this feed."""
+        """Apply new states of the loop, then feed the loop, which ends if it is not fed."""
         snapshot = self._loop.snapshot()
         self._apply_software_stop()
         if stop := self._stops.count(snapshot):
@@ -220,7 +220,7 @@ class DriverNode(ManagedNode):
         self._loop.feed()
 
     def _publish_outcome(self) -> None:
-        """Publish the outcome after a change, on driver/status also every `STATUS_PERIOD`."""
+        """Publish a changed outcome; also publish driver/status every `STATUS_PERIOD`."""
         snapshot = self._loop.snapshot()
         now = time.monotonic()
         if snapshot.state is not ControllerState.ACTIVE:
@@ -240,7 +240,7 @@ class DriverNode(ManagedNode):
             self.diagnostics.publish()
 
     def _outcome(self) -> DriverOutcome:
-        """Return state, cause and next step with the problems that this node detects."""
+        """Return the driver's outcome, including problems that only this node detects."""
         problems = NodeProblems(
             self.last_failure,
             self._inputs.fault,
@@ -270,7 +270,7 @@ class DriverNode(ManagedNode):
 
     def _start_alone(self, name: str, on_reply: OnReply) -> None:
         """
-        Start a request unless another driver would also follow the setpoints.
+        Start a request, unless another driver would also follow the setpoints.
 
         If the control loop has ended, configure starts a new loop.
         """
@@ -285,7 +285,7 @@ class DriverNode(ManagedNode):
         self._loop.request(name, on_reply)
 
     def _clear_faults(self, on_reply: OnReply) -> None:
-        """Release the software stops, then clear the faults of the drives."""
+        """Release the software stops, then clear the drives' faults."""
         released = self._software_stop.clear(time.monotonic())
         self._apply_software_stop()
         cleared = ''.join(f'{name} is cleared; ' for name in sorted(released))
@@ -304,7 +304,7 @@ class DriverNode(ManagedNode):
         self._loop.request('clear_faults', finish)
 
     def _self_test(self, reply: Any) -> SelfTest.Response:
-        """Return the result for each drive, and the component of bus and cycle."""
+        """Return the result for each drive and the component of bus and cycle."""
         problems = reply
         if isinstance(reply, ManipulatorError):
             problems = {'self_test': str(reply)}

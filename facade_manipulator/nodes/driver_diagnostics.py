@@ -1,4 +1,4 @@
-"""Components of the driver on /diagnostics, built from the snapshot of the controller."""
+"""Diagnostic components of the driver, derived from a snapshot of the controller."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from facade_manipulator.nodes.diagnostics import diagnostic_status
 
 
 class StopCounter:
-    """Counters of the stops, for the node that looks at each new state of the drives."""
+    """Counter of stops for the driver node, which passes each new state of the drives."""
 
     def __init__(self) -> None:
         self._state: ControllerState | None = None  # of the present stop
@@ -33,11 +33,11 @@ class StopCounter:
 
     @property
     def values(self) -> dict[str, int]:
-        """Return the counts as values of /diagnostics."""
+        """Return the counts as values for /diagnostics."""
         return dict(self._counts)
 
     def count(self, snapshot: ControllerSnapshot) -> str:
-        """Count a new stop; return its message for the log, ``''`` for none."""
+        """Count a new stop; return its log message, or ``''`` without a new stop."""
         before = self._state
         self._state = snapshot.state if snapshot.state in ERRORS else None
         if self._state in (None, before):
@@ -57,7 +57,7 @@ def operation_status(
     more: dict[str, Any],
 ) -> DiagnosticStatus:
     """
-    Return the component of the group of drives, which is also the message on driver/status.
+    Return the component of the drive group, which is also published on driver/status.
 
     The drives follow setpoints since a time [s, ROS time], which is infinite while they do not.
     """
@@ -91,7 +91,7 @@ _BUS_WORDS = {
 
 
 def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:
-    """Return the component of bus and cycle; real drives need a loop with real-time priority."""
+    """Return the component of bus and cycle; for real drives, require real-time priority."""
     cycle = snapshot.cycle
     bus = snapshot.bus
     values = {
@@ -130,7 +130,7 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> Diagnostic
 
 
 def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
-    """Return the component of a drive, with its serial number as hardware id (REP 107)."""
+    """Return the component of a drive, whose serial number is the hardware id (REP 107)."""
     values = {
         'node id': axis.node_id,
         'statusword': _hex(axis.statusword),
@@ -155,7 +155,7 @@ FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
 def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:
-    """Return the level of a drive's component and its message."""
+    """Return level and message of a drive's component."""
     if axis.is_silent:
         before = '' if axis.state is None else f'; before: {_words(axis.state)}'
         return 'stale', f'silent: these values are old{before}'

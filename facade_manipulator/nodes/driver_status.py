@@ -1,4 +1,4 @@
-"""Messages on driver/status, which the driver publishes and compensator and ik_service read."""
+"""Messages on driver/status, from the driver to the compensator and the ik_service."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ DRIVER_SILENCE = (
 
 
 def state_sentence(state: str) -> str:
-    """Return a state such as ``'active'`` or ``'bus lost'`` as a sentence."""
+    """Return a sentence for a state such as ``'active'`` or ``'bus lost'``."""
     subject, lost, _ = state.partition(' lost')
     return f'the {subject} is lost' if lost else f'the drives are {state}'
 
 
 class DriverStatus(NamedTuple):
-    """State of the drives in a message on driver/status."""
+    """State of the drives as received on driver/status."""
 
     state: str  #: such as ``'active'`` or ``'stopped'``
     activity: str  #: of the carriages while the state is active, such as ``'holding'``
@@ -35,18 +35,18 @@ class DriverStatus(NamedTuple):
     power: str = 'unknown'  #: of the drives, by their statuswords
 
     def __str__(self) -> str:
-        """Return the state as the reason of a rejection."""
+        """Return the state, worded as the reason of a rejection."""
         return 'the driver is silent' if self is SILENT else state_sentence(self.state)
 
     def values(self) -> dict[str, str]:
-        """Return the values of the message on driver/status."""
+        """Return the values for a message on driver/status."""
         return {
             name.replace('_', ' '): str(value) for name, value in self._asdict().items()
         }
 
     @staticmethod
     def from_message(message: DiagnosticStatus) -> DriverStatus:
-        """Return the content of a message; raises an InputError for another program's message."""
+        """Read a message; raise an InputError if another program has sent it."""
         values = status_values(message)
         try:
             since = float(values['active since'])

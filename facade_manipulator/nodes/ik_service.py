@@ -1,4 +1,4 @@
-"""Ik_service node: poses in frame `rail` to certified setpoints, solutions and paths."""
+"""Ik_service node: converts poses in frame `rail` to certified setpoints, solutions and paths."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class IkServiceNode(BaseNode):
 
     def connect(self, compensator: CompensatorNode | None) -> None:
         """
-        Receive corrected poses through calls of a compensator in this process, or as messages.
+        Receive corrected poses from a compensator in this process, or from messages.
 
         Messages are also necessary if both nodes have remapped the topic to different names.
         """
@@ -111,11 +111,11 @@ class IkServiceNode(BaseNode):
             )
 
     def pass_heads_to(self, add_head: Callable[[float, Pose], None]) -> None:
-        """Call a function with the time [s, monotonic] and the pose of each measured head."""
+        """Set a function that receives time [s, monotonic] and pose of each measured head."""
         self._add_head = add_head
 
     def follow(self, time: float, pose: Pose) -> None:
-        """Follow a pose of a compensator in this process for a time [s, monotonic]."""
+        """Follow a pose of a compensator in this process, for a time [s, monotonic]."""
         command = RailPose(time, pose, monotonic())
         self.inputs.accept(
             topics.CORRECTED_POSE,
@@ -124,7 +124,7 @@ class IkServiceNode(BaseNode):
         )
 
     def _receive_corrected_pose(self, message: PoseStamped) -> None:
-        """Check a pose of the head, and offer it to the gate; without a stamp it is for now."""
+        """Check a pose and offer it to the gate; without a stamp, the pose applies now."""
         stamp = planar_messages.seconds(message.header.stamp)
         planar_messages.require_recent_command('corrected_pose', stamp, ros_time())
         pose = planar_messages.planar_pose(message.pose, 'corrected_pose')
@@ -138,7 +138,7 @@ class IkServiceNode(BaseNode):
         self._gate.offer(command)
 
     def _follow(self, command: RailPose) -> None:
-        """Follow a pose of a stream; approach a single pose from the head."""
+        """Follow a pose of a stream; plan an approach from the head to a single pose."""
         now = monotonic()
         if now - command.received > command_gate.GATE_PERIOD:
             command = command._replace(time=now)  # the gate has held the pose
@@ -149,13 +149,13 @@ class IkServiceNode(BaseNode):
             self._approach_timer.reset()
 
     def _reject(self, _: RailPose, error: ManipulatorError) -> None:
-        """Count a pose that is not followed; while the gate is closed the outcome is known."""
+        """Count a rejected pose; end the approach unless the gate is closed."""
         self.diagnostics.reject(error, 'corrected_pose rejected')
         if self._gate.is_open:
             self._end_approach(None, error)
 
     def _end_commands(self) -> None:
-        """Forget the poses from before a stop or the activation of the drives."""
+        """Forget poses sent before the drives stopped or became active."""
         self._poses.end()
         self._rejected = ''
 
@@ -170,7 +170,7 @@ class IkServiceNode(BaseNode):
             self._approach_timer.cancel()
 
     def _send(self, setpoint: Setpoint | None) -> None:
-        """Publish a setpoint; a single pose has none before its approach."""
+        """Publish a setpoint; do nothing with None, as before an approach."""
         if setpoint is None:
             return
         time, position, velocity = setpoint
@@ -183,12 +183,12 @@ class IkServiceNode(BaseNode):
         self._rejected = ''
 
     def _end_approach(self, _: PoseStamped | None, error: ManipulatorError) -> None:
-        """End the approach, because a goal or a pose on the path to the goal is rejected."""
+        """End the approach, because its goal or a pose on its path is rejected."""
         self._poses.end()
         self._rejected = str(error)
 
     def _receive_joint_states(self, message: JointState) -> None:
-        """Publish the pose of the head at measured positions; it is unknown if they are wrong."""
+        """Publish the head's pose from measured positions; invalid positions make it unknown."""
         self._head = None
         time = planar_messages.seconds(message.header.stamp)
         carriages = Carriages(
@@ -209,7 +209,7 @@ class IkServiceNode(BaseNode):
     def _solve(
         self, request: GetPlan.Request, response: GetPlan.Response
     ) -> GetPlan.Response:
-        """Reply with the carriage positions on the path of a request, none if rejected."""
+        """Reply with the carriage positions along the requested path, or none after an error."""
         header = response.plan.header
         header.frame_id = self.ACTUATOR_SPACE
         header.stamp = self.get_clock().now().to_msg()
@@ -228,7 +228,7 @@ class IkServiceNode(BaseNode):
     def _reject_request(
         self, request: GetPlan.Request, error: ManipulatorError
     ) -> None:
-        """Count a rejected request, and publish its reason, value, bound and unit."""
+        """Count a rejected request; publish reason, value, limit and unit of the rejection."""
         self.diagnostics.reject(error, 'solve')
         values = {'goal stamp': planar_messages.stamp_text(request.goal.header.stamp)}
         for key in self.REASON:
@@ -246,17 +246,17 @@ class IkServiceNode(BaseNode):
         return self._stream.path(start, goal, request.tolerance)
 
     def _change_publishers(self) -> None:
-        """Forget the head while two nodes publish joint_states."""
+        """Mark the head's pose as unknown while two nodes publish joint_states."""
         if self.inputs.fault_of(topics.JOINT_STATES.name):
             self._head = None
 
     def _report_change(self) -> None:
-        """Apply the time-outs of the gate, and publish diagnostics that have changed."""
+        """Apply the time-outs of the gate, and publish changed diagnostics."""
         self._gate.update(monotonic())
         self.diagnostics.publish_change(self._outcome())
 
     def _outcome(self) -> tuple[str, str]:
-        """Return level and message: whether goals are followed, or the reason if not."""
+        """Return level and message: goals are followed, or the reason why not."""
         if self.inputs.fault:
             return 'error', self.inputs.fault
         if self._rejected:

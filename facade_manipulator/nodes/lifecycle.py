@@ -1,4 +1,4 @@
-"""Managed node whose transitions take seconds while it answers other requests."""
+"""Lifecycle node that answers other requests during transitions of several seconds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OnReply = Callable[[Any], None]
 
 class ManagedNode(BaseNode, LifecycleNode):
     """
-    Lifecycle node whose transitions are requests to another process.
+    Lifecycle node that executes transitions as requests to another process.
 
     The node must receive the operator's stop while the drives boot. It is in the transition state
     of the standard, such as *configuring*, until the other process has replied. An error leads
@@ -55,11 +55,11 @@ class ManagedNode(BaseNode, LifecycleNode):
 
     @property
     def is_finalized(self) -> bool:
-        """Return whether the transition shutdown has ended."""
+        """Return whether the shutdown transition has ended."""
         return self.state_label == 'finalized'
 
     def report(self, is_successful: bool, message: str) -> None:
-        """Log the result of a request, because the response of a transition has no text."""
+        """Log the result of a request, because transition responses contain no text."""
         if is_successful:
             self.get_logger().info(message)
         elif message != self.last_failure:  # a repeated request fills no disk
@@ -73,7 +73,7 @@ class ManagedNode(BaseNode, LifecycleNode):
         answer: Callable[[Any], Any] | None = None,
     ) -> None:
         """
-        Offer a service that starts a request, as a function of `transitions` does.
+        Offer a service that starts a request, like the functions in `transitions`.
 
         `answer` makes a response other than of Trigger from the reply.
         """
@@ -86,7 +86,7 @@ class ManagedNode(BaseNode, LifecycleNode):
         answer_later(made, self.owned(begin))
 
     def fall_back(self, to_unconfigured: bool) -> None:
-        """Leave a state that the drives have already left: to inactive, or to unconfigured."""
+        """Follow the drives out of a state: to inactive, or to unconfigured."""
         steps = {'active': Transition.TRANSITION_DEACTIVATE}
         if to_unconfigured:
             steps['inactive'] = Transition.TRANSITION_CLEANUP
@@ -96,7 +96,7 @@ class ManagedNode(BaseNode, LifecycleNode):
                 self._machine.finish(is_successful=True)
 
     def configure_soon(self, missing: Callable[[], str]) -> None:
-        """Configure without a request as soon as `missing` returns ``''`` instead of a reason."""
+        """Configure automatically as soon as `missing` returns ``''`` instead of a reason."""
 
         def look() -> None:
             if self.state_label == UNCONFIGURED_LABEL and (lacking := missing()):
@@ -109,14 +109,14 @@ class ManagedNode(BaseNode, LifecycleNode):
         timer = steady_timer(self, self.INTERFACE_CHECK_PERIOD, look)
 
     def _start(self, start: Callable[[OnReply], None], on_reply: OnReply) -> None:
-        """Start a request; a ManipulatorError that it raises is its reply."""
+        """Start a request; reply with a ManipulatorError that it raises."""
         try:
             start(on_reply)
         except ManipulatorError as error:
             on_reply(error)
 
     def _trigger_response(self, reply: Any) -> Trigger.Response:
-        """Report the reply of the driver as the response of a service."""
+        """Log the driver's reply, and return it as a service response."""
         succeeded = not isinstance(reply, ManipulatorError)
         message = str(reply)
         self.report(succeeded, message)
@@ -127,7 +127,7 @@ class ManagedNode(BaseNode, LifecycleNode):
         request: ChangeState.Request,
         respond: Callable[[ChangeState.Response], None],
     ) -> None:
-        """Start a transition by label or id; reject one that the state does not permit."""
+        """Start a transition by label or id, or reject it if the state does not permit it."""
         wanted = request.transition
         transition = self._machine.possible(wanted.label or wanted.id)
         if transition is None:
@@ -143,7 +143,7 @@ class ManagedNode(BaseNode, LifecycleNode):
     def _begin(
         self, transition: int, respond: Callable[[ChangeState.Response], None]
     ) -> None:
-        """Start a transition, and respond when it has ended."""
+        """Start a transition, and respond after its end."""
 
         def finish(reply: Any) -> None:
             succeeded = not isinstance(reply, ManipulatorError)

@@ -1,4 +1,4 @@
-"""Compensator and ik_service in one process: the default deployment beside the driver."""
+"""Compensator and ik_service in one process: the default deployment next to the driver."""
 
 from functools import partial
 
@@ -9,7 +9,7 @@ from facade_manipulator.nodes.run import run
 
 
 def connected_nodes() -> list[BaseNode]:
-    """Return both nodes, which call each other: messages would cost 4 % of a core at 100 Hz."""
+    """Return both nodes, connected by calls; messages would use 4 % of a core at 100 Hz."""
     compensator = CompensatorNode(connects_later=True)
     ik_service = IkServiceNode(connects_later=True)
     compensator.connect(ik_service)

@@ -1,4 +1,4 @@
-"""Parameters of a node: described, checked, and read-only unless marked live."""
+"""Parameters of a node: declared, checked, and read-only unless marked as live."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Settings = TypeVar('Settings')
 
 
 class NodeParameters(ParameterSource):
-    """Parameters that a node is given; the node declares each parameter that is read."""
+    """Source of parameters for a node, which declares each parameter that is read."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -41,7 +41,7 @@ class NodeParameters(ParameterSource):
         only: Collection[str] = (),
         **defaults: Any,
     ) -> Settings:
-        """Declare the parameters of a group; return the settings of the node."""
+        """Declare the parameters of a group, and return them as settings."""
         infos = parameters.parameter_fields(cls, only)
         for field_name, info in infos.items():
             self._correct_empty_array(parameters.full_name(prefix, field_name), info)
@@ -55,7 +55,7 @@ class NodeParameters(ParameterSource):
         return made
 
     def _correct_empty_array(self, name: str, info: ParameterInfo) -> None:
-        """Change a given ``[]``, which ROS reads as a parameter without type and value."""
+        """Replace a given ``[]``, which ROS reads as a parameter without type and value."""
         item = self._given.get(name)
         is_untyped = item is not None and item.type_ is Parameter.Type.NOT_SET
         if is_untyped and isinstance(info.default, tuple):
@@ -77,7 +77,7 @@ class NodeParameters(ParameterSource):
 
 
 def accepted(info: ParameterInfo) -> str:
-    """Return the accepted values in words, such as ``0.1 to 5 m/s``."""
+    """Return the accepted range in words, such as ``0.1 to 5 m/s``."""
     if info.minimum is None or info.maximum is None:
         return ''
     lowest = number_text(info.minimum)
@@ -93,7 +93,7 @@ def accept_changes(
     check: Callable[[Settings], object] = lambda _: None,
 ) -> None:
     """
-    Accept changes of the live parameters of a group while the node runs.
+    Accept changes to the live parameters of a group while the node runs.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def accept_changes(
     ]
 
     def changed(changes: Sequence[Parameter]) -> Settings | None:
-        """Return the settings with changes, None if they are of other groups."""
+        """Return the settings with changes applied, None if other groups are changed."""
         given = {item.name: item for item in changes if item.name in names}
         if not given:
             return None
@@ -142,7 +142,7 @@ def accept_changes(
 
 
 def parameter_files(args: Sequence[str] | None = None) -> list[Path]:
-    """Return the parameter files in arguments, by default those of the process."""
+    """Return the parameter files named in arguments, by default those of this process."""
     words = pairwise(sys.argv if args is None else args)
     return [Path(value) for word, value in words if word == '--params-file']
 
@@ -151,7 +151,7 @@ def reject_unknown_parameters(
     nodes: Sequence[Node], args: Sequence[str] | None = None
 ) -> None:
     """
-    Raise a ParameterError for a parameter that a node is given and does not have.
+    Raise a ParameterError if a node is given a parameter that it does not have.
 
     ROS ignores such a parameter, and the default would stay in force unnoticed. A section for all
     nodes may contain parameters of a node in another process; a name of no node is logged unless
@@ -188,7 +188,7 @@ def reject_unknown_parameters(
 
 
 def _names_for_all(sections: Mapping[str, Mapping[str, Any]]) -> set[str]:
-    """Return the names in sections of files for all nodes."""
+    """Return the parameter names in file sections that apply to all nodes."""
     names: set[str] = set()
     for section, values in sections.items():
         if not section.rpartition('/')[2].strip('*'):
@@ -201,7 +201,7 @@ def _names_by_node(
     sections: Mapping[str, Mapping[str, Any]],
     arguments: Sequence[tuple[str, str, Any]],
 ) -> set[str]:
-    """Return the names that sections of files and arguments give a node by its name."""
+    """Return the parameter names that files and arguments assign to a node by its name."""
     names = {name for target, name, _ in arguments if target == node}
     for section, values in sections.items():
         if section.rpartition('/')[2] == node:
@@ -210,7 +210,7 @@ def _names_by_node(
 
 
 def _names_of_all_nodes(files: Sequence[Path]) -> set[str]:
-    """Return the parameters of all nodes of the package, also of those in other processes."""
+    """Return the parameter names of every node in the package, including other processes."""
     names: set[str] = set()
     for node in NODES:
         try:
@@ -221,7 +221,7 @@ def _names_of_all_nodes(files: Sequence[Path]) -> set[str]:
 
 
 def _has_known_group(name: str, known: Collection[str]) -> bool:
-    """Return whether a name is a former name, or has the group of a known parameter."""
+    """Return whether a name is a former name, or belongs to the group of a known parameter."""
     groups = {other.partition('.')[0] for other in known if '.' in other}
     return name in parameters.RENAMED or name.partition('.')[0] in groups
 
@@ -229,7 +229,7 @@ def _has_known_group(name: str, known: Collection[str]) -> bool:
 def _require_effect(
     nodes: Sequence[Node], arguments: Sequence[tuple[str, str, Any]]
 ) -> None:
-    """Raise a ParameterError for an argument that a section or a namespace overrides."""
+    """Raise a ParameterError if a section or a namespace overrides an argument."""
     for target, name, value in arguments:
         for node in nodes:
             if target not in ('', node.get_name()) or not node.has_parameter(name):
@@ -243,7 +243,7 @@ def _require_effect(
 
 
 def _require_equal_values(nodes: Sequence[Node]) -> None:
-    """Raise a ParameterError for a parameter with two values in the nodes of this process."""
+    """Raise a ParameterError if nodes of this process have different values of a parameter."""
     found: dict[str, tuple[str, Any]] = {}
     for node in nodes:
         for name in node.list_parameters([], 0).names:
@@ -257,7 +257,7 @@ def _require_equal_values(nodes: Sequence[Node]) -> None:
 
 
 def _require_namespace(nodes: Sequence[Node], sections: Collection[str]) -> None:
-    """Raise a ParameterError for a section of a node's name without the node's namespace."""
+    """Raise a ParameterError if a section omits the namespace of its node."""
     for node in nodes:
         if node.get_namespace() != '/' and node.get_name() in sections:
             raise ParameterError(
@@ -267,7 +267,7 @@ def _require_namespace(nodes: Sequence[Node], sections: Collection[str]) -> None
 
 
 def _argument(text: str) -> tuple[str, str, Any]:
-    """Return node, name and value of an argument such as ``driver:limits.speed:=0.3``."""
+    """Split an argument such as ``driver:limits.speed:=0.3`` into node, name and value."""
     names, _, value = text.partition(':=')
     node, _, name = names.rpartition(':')
     try:
@@ -277,7 +277,7 @@ def _argument(text: str) -> tuple[str, str, Any]:
 
 
 def plain(item: Parameter) -> Any:
-    """Return the value of a parameter, an array as a list."""
+    """Return the value of a parameter; convert an array to a list."""
     value = item.value
     return (
         value

@@ -1,5 +1,5 @@
 """
-Set-up of each node, without ROS: a node and a tool read the same groups of parameters.
+Settings of each node, without ROS, so that tools read the same groups of parameters.
 
 Each set-up class has one method `read`. A node reads the parameters that ROS gives it, a tool
 those of a parameter file.
@@ -24,7 +24,7 @@ OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 
 @settings
 class DriverSettings:
-    """Settings of the driver node in addition to those of the controller."""
+    """Settings of the driver node, except those of the controller."""
 
     simulate_drives: bool = parameter(
         'Whether the driver starts simulated drives on a virtual bus', default=False
@@ -48,7 +48,7 @@ class DriverSettings:
 
 @settings
 class SimulatorSettings:
-    """Choice of the simulated world; the file of the scenario contains all values."""
+    """Selection of the simulated world; the scenario file contains all values."""
 
     scenario: str = parameter(
         'Name of a scenario in config/scenarios, or path of a file', default='breeze'
@@ -68,7 +68,7 @@ class DriverSetup(NamedTuple):
 
     @classmethod
     def read(cls, source: ParameterSource) -> DriverSetup:
-        """Read the parameters of the driver; simulated drives have a virtual bus."""
+        """Read the parameters of the driver; simulated drives use a virtual bus."""
         node = source.read(DriverSettings)
         loop = LoopSetup.read(source)
         if node.simulate_drives:
@@ -93,7 +93,7 @@ class IkServiceSetup(NamedTuple):
 
 
 class CompensatorSetup(NamedTuple):
-    """Settings of the compensator node and of its parts."""
+    """Settings of the compensator node and of its components."""
 
     geometry: Geometry
     parts: CompensatorSettings
@@ -135,7 +135,7 @@ _READERS: dict[str, Callable[[ParameterSource], object]] = {
 
 def parameter_names(node: str, values: Mapping[str, Any]) -> set[str]:
     """
-    Return the full names of the parameters of a node with values by full name.
+    Return the full names of a node's parameters; `values` are the given values by full name.
 
     Raises a ParameterError for a value that the node rejects.
     """

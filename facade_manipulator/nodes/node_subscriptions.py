@@ -1,5 +1,5 @@
 """
-Limit of one publisher for each input topic: messages are rejected while a second exists.
+Limit of one publisher per input topic: messages are rejected while a second publisher exists.
 
 Rclpy does not name the publisher of a message. While a topic has two publishers, the node rejects
 all its messages, because it cannot attribute them to either publisher.
@@ -32,7 +32,7 @@ from facade_manipulator.topics import Topic
 
 @dataclass
 class IncompatiblePublisher:
-    """Publisher of a topic whose quality of service excludes the subscription."""
+    """Publisher whose quality of service is incompatible with the subscription."""
 
     fault: str
     expected_until: float  #: when the graph must list the publisher [s, monotonic]
@@ -41,7 +41,7 @@ class IncompatiblePublisher:
 
 class PublisherWatch:
     """
-    Subscriber to the input topics of a node, which counts their publishers.
+    Subscriber to the input topics of a node, which also counts the publishers.
 
     The middleware reports a new publisher before its first message. A timer counts again, because
     the name of its node may arrive later, and for publishers whose messages cannot be received.
@@ -88,7 +88,7 @@ class PublisherWatch:
 
     def watch(self, topic: Topic) -> None:
         """
-        Count the publishers of a topic that the node itself publishes.
+        Count the publishers of a topic that this node itself publishes.
 
         The node subscribes, because a discovery server reports the publishers of a topic only to
         its subscribers. The messages are ignored.
@@ -114,7 +114,7 @@ class PublisherWatch:
         frame_id: str = '',
     ) -> None:
         """
-        Subscribe to a topic; its messages are rejected while it has two publishers.
+        Subscribe to a topic; reject its messages while it has two publishers.
 
         Parameters
         ----------
@@ -163,7 +163,7 @@ class PublisherWatch:
         )
 
     def accept_calls(self, topic: Topic) -> None:
-        """Count the publishers of a topic whose contents another node in this process passes."""
+        """Count the publishers of a topic that is received through calls in this process."""
         self._names.append(topic.name)
 
     def accept(
@@ -191,7 +191,7 @@ class PublisherWatch:
             raise InputError('publishers', f'{fault}; {self.PUBLISHER_REMEDY}')
 
     def fault_of(self, name: str) -> str:
-        """Return the fault of a topic: two publishers, or one that cannot be received."""
+        """Return the fault of a topic: two publishers, or an incompatible publisher."""
         incompatible = self._incompatible.get(name)
         return self._faults.get(name, '') or (
             incompatible.fault if incompatible else ''
@@ -199,7 +199,7 @@ class PublisherWatch:
 
     @property
     def fault(self) -> str:
-        """Return the topics with a second publisher and the next step, ``''`` for none."""
+        """Return the topics with two publishers and the next step, or ``''``."""
         faults = '; '.join(self._faults.values())
         return faults and f'{faults}; {self.PUBLISHER_REMEDY}'
 
@@ -211,7 +211,7 @@ class PublisherWatch:
             self._look_for_incompatible(name)
 
     def _look_for_incompatible(self, name: str) -> None:
-        """Forget an incompatible publisher that has left the graph."""
+        """Forget an incompatible publisher that is no longer in the graph."""
         topic = self._node.resolve_topic_name(name)
         is_in_graph = any(
             qos_check_compatible(one.qos_profile, self._qos[name])[0]
@@ -226,7 +226,7 @@ class PublisherWatch:
             self._on_change()
 
     def _count(self, name: str, matched: int = 0) -> None:
-        """Count the publishers of a topic; a match may precede the graph."""
+        """Count the publishers of a topic; a match may be reported before the graph changes."""
         topic = self._node.resolve_topic_name(name)
         count = max(matched, self._node.count_publishers(topic))
         before = self._faults.pop(name, '')

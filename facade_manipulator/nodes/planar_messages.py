@@ -1,5 +1,5 @@
 """
-Planar quantities, stamps and frames of messages; invalid contents are rejected.
+Planar quantities, stamps and frames read from messages; invalid contents are rejected.
 
 The module needs no ROS: a message is any object with the right fields, from rclpy or from a
 recording.
@@ -22,7 +22,7 @@ VARIANCES = (0, 7, 35)  # of x, y and yaw among the 36 of a pose's covariance
 
 
 class Frames(NamedTuple):
-    """Frames of a manipulator in messages, TF and URDF; a namespace is their prefix."""
+    """Frame ids of a manipulator in messages, TF and URDF, with its namespace as a prefix."""
 
     prefix: str
     facade: str
@@ -31,7 +31,7 @@ class Frames(NamedTuple):
 
     @classmethod
     def of(cls, namespace: str) -> Frames:
-        """Return the frames of a namespace."""
+        """Return the frame ids for a namespace."""
         prefix = f'{namespace.strip("/")}/'.lstrip('/')
         return cls(
             prefix, *(prefix + frame for frame in ('facade', 'rail', 'end_effector'))
@@ -39,7 +39,7 @@ class Frames(NamedTuple):
 
 
 class OutOfPlane(NamedTuple):
-    """Difference of a pose in space from the nearest planar pose: height [m], tilt [rad]."""
+    """Deviation of a 3D pose from the nearest planar pose: height [m] and tilt [rad]."""
 
     height: float
     tilt: float
@@ -50,7 +50,7 @@ BILLION = 10**9  # ns of a second
 
 def seconds(stamp: Any) -> float:
     """
-    Return a stamp in seconds; float64 resolves 0.24 µs at today's epoch.
+    Convert a stamp to seconds; float64 resolves 0.24 µs at the present epoch.
 
     Raises an InputError with reason ``'malformed'`` if the nanoseconds are a second or more.
     """
@@ -63,7 +63,7 @@ def seconds(stamp: Any) -> float:
 
 
 def stamp_text(stamp: Any) -> str:
-    """Return a stamp as text in seconds with nine decimals, which identifies a goal."""
+    """Return a stamp in seconds as text with nine decimals, which identifies a goal."""
     return f'{stamp.sec}.{stamp.nanosec:09d}'
 
 
@@ -72,7 +72,7 @@ MAXIMUM_AGE, MAXIMUM_LEAD = 5.0, 1.0  # s, of the stamp of a command on arrival
 
 def require_recent_command(name: str, stamp: float, now: float) -> None:
     """
-    Reject a command whose stamp [s] is too old or too far ahead, such as one from a recording.
+    Reject a command whose stamp [s] is too old or too far ahead, as after a replay.
 
     A stamp of 0 means the time of arrival. Raises an InputError with reason ``'stale'`` or
     ``'future'``.
@@ -82,7 +82,7 @@ def require_recent_command(name: str, stamp: float, now: float) -> None:
 
 
 def require_frame(frame_id: str, expected: str, name: str) -> None:
-    """Raise an InputError with reason ``'frame'`` for a message in another frame."""
+    """Raise an InputError with reason ``'frame'`` if a message uses another frame."""
     if frame_id != expected:
         raise InputError(
             'frame', f"{name} is in frame {quoted(frame_id)}, expected '{expected}'"
@@ -90,7 +90,7 @@ def require_frame(frame_id: str, expected: str, name: str) -> None:
 
 
 def require_finite(names: Sequence[str], values: Sequence[float], name: str) -> None:
-    """Raise an InputError with reason ``'not_finite'`` for values that are not finite."""
+    """Raise an InputError with reason ``'not_finite'`` if a value is not finite."""
     if not all(map(math.isfinite, values)):
         part, value = next(
             pair
@@ -115,7 +115,7 @@ POSE_NUMBERS = (
 
 def projected(message: Any, name: str) -> tuple[Pose, OutOfPlane]:
     """
-    Return the nearest planar pose of a geometry_msgs/Pose [m, m, rad], and the difference.
+    Return the planar pose nearest to a geometry_msgs/Pose [m, m, rad], and the deviation from it.
 
     The yaw is the turn about z after which only a tilt about an axis in the plane remains. `name`
     is that of the pose in a rejection, such as ``'goal'``. Raises an InputError with reason
@@ -148,7 +148,7 @@ TILT_TOLERANCE = 1e-3  # rad
 
 
 def planar_pose(message: Any, name: str) -> Pose:
-    """Return a planar geometry_msgs/Pose; raises as `projected`, or ``'out_of_plane'``."""
+    """Return a geometry_msgs/Pose as planar pose; raises as `projected`, or ``'out_of_plane'``."""
     pose, (height, tilt) = projected(message, name)
     if abs(height) > PLANE_TOLERANCE:
         raise InputError(
@@ -166,7 +166,7 @@ def planar_pose(message: Any, name: str) -> Pose:
 
 
 def pose_in_frame(message: Any, frame_id: str, name: str) -> Pose:
-    """Return the planar pose of a geometry_msgs/PoseStamped in a frame [m, m, rad]."""
+    """Return a geometry_msgs/PoseStamped as a planar pose [m, m, rad]; require its frame."""
     require_frame(message.header.frame_id, frame_id, name)
     return planar_pose(message.pose, name)
 
@@ -174,7 +174,7 @@ def pose_in_frame(message: Any, frame_id: str, name: str) -> Pose:
 def estimated_pose(
     message: Any, name: str
 ) -> tuple[Pose, OutOfPlane, tuple[float, float, float]]:
-    """Return pose [m, m, rad], difference from the plane, and variances of a message."""
+    """Return pose [m, m, rad], deviation from the plane, and variances in a message."""
     covariance = message.pose.covariance
     x, y, yaw = [float(covariance[k]) for k in VARIANCES]
     return *projected(message.pose.pose, name), (x, y, yaw)
@@ -183,7 +183,7 @@ def estimated_pose(
 def require_measured(
     name: str, variance: float, largest_deviation: float = LARGEST_DEVIATION
 ) -> None:
-    """Reject a value that its variance marks as not measured, with reason ``'not_measured'``."""
+    """Reject a value with reason ``'not_measured'`` if its variance marks it as not measured."""
     if not is_measured(variance, largest_deviation):
         raise not_measured_error(name, variance, largest_deviation)
 
@@ -191,7 +191,7 @@ def require_measured(
 def not_measured_error(
     name: str, variance: float, largest_deviation: float = LARGEST_DEVIATION
 ) -> InputError:
-    """Return the error of a value that its variance marks as not measured."""
+    """Return the error for a value whose variance marks it as not measured."""
     return InputError(
         'not_measured',
         f'{name} rejected: its variance = {variance:g} marks a value that was not '
@@ -203,7 +203,7 @@ def carriages_from(
     names: Sequence[str], values: Sequence[float], name: str
 ) -> tuple[float, float, float]:
     """
-    Return the finite values of q1, q2 and q3 in a JointState, in any order of its names.
+    Return finite values of q1, q2 and q3 from a JointState, whose names may have any order.
 
     `name` is that of the array in a rejection, such as ``'setpoint position'``. Raises an
     InputError with reason ``'names'`` or ``'not_finite'``.
@@ -230,10 +230,10 @@ def planar_wrench(message: Any) -> Wrench:
 
 
 def status_level(status: Any) -> str:
-    """Return the level of a diagnostic status as a word; an undefined level is an error."""
+    """Return the level of a diagnostic status as a word; unknown levels count as errors."""
     return dict(enumerate(LEVEL_NAMES)).get(ord(status.level), 'error')
 
 
 def status_values(status: Any) -> dict[str, str]:
-    """Return the values of a diagnostic status by their keys."""
+    """Return the values of a diagnostic status by key."""
     return {item.key: item.value for item in status.values}

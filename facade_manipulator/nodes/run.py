@@ -1,4 +1,4 @@
-"""Process of a node: start, run and end."""
+"""Process of one or several nodes: start, run and end."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def run(
     make_nodes: Callable[[], Sequence[BaseNode]], args: list[str] | None = None
 ) -> int:
     """
-    Run the nodes of a process until a signal or a lifecycle shutdown; return its exit status.
+    Run the nodes of a process until a signal or a lifecycle shutdown; return the exit status.
 
     The method ``close`` of each node is called while ROS still runs. A `ManipulatorError` at the
     start ends in one line on standard error and exit status 2. After an end of ROS without a
@@ -105,7 +105,7 @@ def run(
 
 
 def _stop(signals: list[int], number: int, _: object) -> None:
-    """Ask for the end; the second signal ends callbacks from which the executor never returns."""
+    """Request the end; a second signal also ends callbacks that do not return."""
     if (
         signals
     ):  # EventsExecutor: while messages arrive faster than their callback returns
@@ -118,7 +118,7 @@ MOST_EXCEPTIONS, EXCEPTION_PERIOD = 10, 10.0
 
 
 def _spin(nodes: Sequence[BaseNode], signals: Sequence[int]) -> None:
-    """Run callbacks; log and count exceptions, and raise the tenth defect in ten seconds."""
+    """Run callbacks; log and count exceptions, and raise the tenth programming error in 10 s."""
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)
@@ -144,7 +144,7 @@ SIGNAL_CHECK_PERIOD = 0.1  # s, maximum delay of a signal
 def _run_callbacks(
     executor: Executor, nodes: Sequence[BaseNode], behind: list[BaseNode]
 ) -> None:
-    """Run callbacks for `SIGNAL_CHECK_PERIOD`, and those of messages that wait for nodes."""
+    """Run callbacks for `SIGNAL_CHECK_PERIOD`, then the callbacks of waiting messages."""
     # returning at each event would cost a twentieth of the time of a fast node
     executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK_PERIOD)
     while behind:
@@ -154,7 +154,7 @@ def _run_callbacks(
 
 
 def _original(error: Exception) -> Exception:
-    """Return the exception that a callback raised; another exception has no callback."""
+    """Return the exception that a callback raised, or the error itself without a callback."""
     cause = error.__cause__
     if isinstance(error, CallbackError) and isinstance(cause, Exception):
         return cause
@@ -163,7 +163,7 @@ def _original(error: Exception) -> Exception:
 
 def _report_exception(nodes: Sequence[BaseNode], error: Exception) -> bool:
     """
-    Log and count an exception for the node of its callback; return whether it is a defect.
+    Log and count an exception of a node's callback; return whether it is a programming error.
 
     An exception without a callback is that of rclpy or of the middleware, and concerns all nodes.
     Nothing is reported after the end of ROS.
@@ -182,7 +182,7 @@ def _report_exception(nodes: Sequence[BaseNode], error: Exception) -> bool:
 
 
 def initialise(args: list[str] | None = None) -> None:
-    """Initialise ROS without its signal handlers; raises a ManipulatorError for a rejection."""
+    """Initialise ROS without its signal handlers; raise a ManipulatorError if ROS rejects this."""
     try:
         with ros_errors():
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -192,7 +192,7 @@ def initialise(args: list[str] | None = None) -> None:
 
 @contextmanager
 def ros_errors() -> Iterator[None]:
-    """Raise a ManipulatorError for an error of ROS, or of a user's file."""
+    """Convert errors of ROS or of the user's files to a ManipulatorError."""
     try:
         yield
     except OSError as error:
@@ -225,7 +225,7 @@ def handle_signals(action: Callable[[int, Any], object] | signal.Handlers) -> No
 
 def _require_own_names(nodes: Sequence[BaseNode]) -> None:
     """
-    Raise a ParameterError for a renamed node.
+    Raise a ParameterError if a node is renamed.
 
     The names of topics, services and sections of parameter files contain the node's own name.
     """
@@ -257,7 +257,7 @@ The page docs/reference.md describes the topics, services and parameters. `ros2 
 def _reject_other_arguments(
     make_nodes: Callable[[], Sequence[BaseNode]], args: list[str] | None
 ) -> None:
-    """Answer ``--help``, and exit at an argument that ROS does not read."""
+    """Answer ``--help``; exit if an argument is unknown to ROS."""
     words = remove_ros_args(args=sys.argv if args is None else ['node', *args])
     name = Path(words[0]).stem
     module = sys.modules[make_nodes.__module__]

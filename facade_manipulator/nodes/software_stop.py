@@ -1,5 +1,5 @@
 """
-Software stop: a true stops the drives until the operator requests clear_faults.
+Software stop: the message true stops the drives until the operator requests clear_faults.
 
 Each topic belongs to one supervisor, because rclpy does not name the publisher of a message. A
 second publisher forbids power, because its false would hide the silence of the first. A publisher
@@ -16,7 +16,7 @@ from facade_manipulator.errors import DriveStateError
 
 @dataclass
 class _Topic:
-    """Messages of one supervisor."""
+    """State of one supervisor's stop topic."""
 
     newest: bool | None = None  #: None before the first message
     received_at: float = 0.0  #: [s, monotonic]
@@ -25,7 +25,7 @@ class _Topic:
 
 class SoftwareStop:
     """
-    Stops of all supervisors, without ROS: messages and monotonic times [s] are arguments.
+    Software stops of all supervisors, without ROS; messages and monotonic times [s] are arguments.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class SoftwareStop:
         self._timeout, self._fault_of = timeout, fault_of
 
     def cause(self, now: float) -> str:
-        """Return why no drive may have power, ``''`` if all supervisors allow power."""
+        """Return why drives must not have power, ``''`` if all supervisors permit power."""
         return '; '.join(
             filter(
                 None,
@@ -71,14 +71,14 @@ class SoftwareStop:
         )
 
     def receive(self, name: str, is_set: bool, now: float) -> None:
-        """Record a message of a supervisor, received at a time [s]."""
+        """Record a supervisor's message received at a time [s]."""
         topic = self._topics[name]
         topic.newest, topic.received_at = is_set, now
         topic.is_latched = topic.is_latched or is_set
 
     def clear(self, now: float) -> frozenset[str]:
         """
-        Release the stops that are in force; return their topics.
+        Release the active stops; return their topics.
 
         Raises a DriveStateError while a newest message is true, or while a topic is silent, has
         two publishers, or has an incompatible publisher.
@@ -97,12 +97,12 @@ class SoftwareStop:
         return released
 
     def restore(self, names: Iterable[str]) -> None:
-        """Restore released stops, because the drives have rejected clear_faults."""
+        """Restore the released stops after the drives have rejected clear_faults."""
         for name in names:
             self._topics[name].is_latched = True
 
     def _obstacle(self, name: str, now: float) -> tuple[str, str]:
-        """Return why clear_faults is impossible, and the next step; ``''`` if it is possible."""
+        """Return why clear_faults is impossible, with a next step; ``''`` if it is possible."""
         topic = self._topics[name]
         if fault := self._fault_of(name):
             return fault, self.ONE_EACH.format(name)
@@ -115,7 +115,7 @@ class SoftwareStop:
         return reason, reason and self.SEND_FALSE.format(name)
 
     def _silence(self, name: str, now: float) -> str:
-        """Return the message about a silent supervisor, constant during the silence."""
+        """Return the message for a silent supervisor, which is constant during the silence."""
         topic = self._topics[name]
         if topic.newest is None or now - topic.received_at <= self._timeout:
             return ''

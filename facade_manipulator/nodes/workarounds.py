@@ -1,5 +1,5 @@
 """
-Uses of rclpy 7.1.6 beyond its public interface, each with the issue that would remove it.
+Workarounds that use private parts of rclpy 7.1.6, each with the issue that would replace it.
 
 A later rclpy without one of these names makes a node exit at its start.
 """
@@ -22,7 +22,7 @@ ROSError: type[Exception] = (
 
 def given_parameters(node: Node) -> dict[str, Parameter]:
     """
-    Return the parameters of a node in files and on the command line by name, declared or not.
+    Return the parameters given to a node in files and on the command line, declared or not.
 
     ROS ignores a parameter that no node declares, and rclpy has no list of them.
     """
@@ -33,7 +33,7 @@ def answer_later(
     service: Any, begin: Callable[[Any, Callable[[Any], None]], None]
 ) -> None:
     """
-    Change a service to answer after its callback has returned.
+    Let a service answer after its callback has returned.
 
     `begin` receives the request and a function that sends the response. rclpy sends the returned
     value of the callback at once and has no deferred response, as rclcpp has since its issue 1707.
@@ -52,7 +52,7 @@ MOST_WAITING = 100
 
 def take_waiting(node: Node) -> None:
     """
-    Call the callbacks for messages and requests that wait in the middleware.
+    Call the callbacks of messages and requests that wait in the middleware.
 
     Rmw_fastrtps counts waiting messages before it listens for new messages; 2 of 2,000 messages
     were sent between the two. After an exception in a callback, the EventsExecutor has dropped its
@@ -78,7 +78,7 @@ def take_waiting(node: Node) -> None:
 
 class LifecycleMachine:
     """
-    State machine of a lifecycle node, stepped from outside.
+    State machine of a lifecycle node, which the caller advances.
 
     rclpy runs a transition inside the callback of its service, so that the executor waits for it
     (rclcpp issue 2213), and an impossible transition raises an exception (rclpy issue 1209).
@@ -98,7 +98,7 @@ class LifecycleMachine:
         return self._machine.current_state[1]
 
     def possible(self, wanted: str | int) -> int | None:
-        """Return the id of the requested transition, None if it is impossible now."""
+        """Return the id of a requested transition, None if the transition is impossible now."""
         for number, label, *_ in self._machine.available_transitions:
             if (
                 wanted in (number, label)
@@ -108,15 +108,15 @@ class LifecycleMachine:
         return None
 
     def label_of(self, transition: int) -> str:
-        """Return the label of a transition, also if it is impossible now."""
+        """Return the label of a transition, even if the transition is impossible now."""
         labels = {number: label for number, label, *_ in self._machine.transition_graph}
         return labels.get(transition, f'transition {transition}')
 
     def begin(self, transition: int) -> None:
-        """Enter the transition state of a transition."""
+        """Enter the intermediate state of a transition."""
         self._machine.trigger_transition_by_id(transition, True)
 
     def finish(self, is_successful: bool) -> None:
-        """Leave the transition state; a failure leads back to the previous state."""
+        """Leave the intermediate state; after a failure, return to the previous state."""
         label = 'transition_success' if is_successful else 'transition_failure'
         self._machine.trigger_transition_by_label(label, True)
