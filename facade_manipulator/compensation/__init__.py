@@ -1,5 +1,5 @@
 """
-Compensation: from a goal on the wall and the disturbance to a pose of the head on the rail.
+Compensation: computes the pose of the head on the rail from a goal and the disturbance.
 
 The inputs, each with its time, are goals in frame `facade`, estimates of the disturbance, wrench
 and lateral offset of the contact, and the head's measured pose. The output is a `CorrectedPose` in

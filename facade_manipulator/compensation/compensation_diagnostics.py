@@ -1,5 +1,5 @@
 """
-Components of the compensator for /diagnostics.
+Diagnostic components of the compensator.
 
 A component is its name, its level (ok, warn or error), a message and values by key, without ROS.
 """
@@ -23,7 +23,7 @@ UNCORRECTED = (CorrectionMode.DISABLED, CorrectionMode.NO_ESTIMATE)
 def correction_outcome(
     compensator: Compensator, now: float, fault: str
 ) -> tuple[str, str]:
-    """Return level and message at a time [s]; `fault` is the fault of the inputs."""
+    """Return level and message at a time [s]; `fault` is a fault of the input topics."""
     correction = compensator.correction
     mode = correction.mode
     text = mode.value
@@ -68,7 +68,7 @@ def correction_component(
 
 
 def contact_components(compensator: Compensator) -> list[Component]:
-    """Return the component of the contact with the wall, empty while contact is disabled."""
+    """Return the component of the wall contact, or none while contact is disabled."""
     contact = compensator.contact
     pressing = contact.pressing
     if not (contact.lateral.enabled or pressing.settings.enabled):
@@ -87,7 +87,7 @@ def contact_components(compensator: Compensator) -> list[Component]:
 
 
 def pressing_values(pressing: Pressing) -> dict[str, Any]:
-    """Return the state and the force of the contact with the wall."""
+    """Return state and force of the wall contact as values."""
     return {
         'pressing': pressing.outcome,
         'force on the wall [N]': pressing.monitor.force,

@@ -1,5 +1,5 @@
 """
-Contact with the wall: the measured wrench and lateral slip shift the goal on the wall.
+Contact with the wall: shifts the goal according to measured wrench and lateral slip.
 
 `contact_phases.py` presses on the wall. This module regulates the lateral slip.
 """
@@ -35,7 +35,7 @@ class LateralSettings:
 
 class LateralRegulator:
     """
-    Integral regulator of the lateral offset, without wind-up.
+    Integral controller of the lateral offset, without wind-up.
 
     It corrects errors that the prediction cannot contain: slip of the head, drift of the
     estimator.
@@ -56,12 +56,12 @@ class LateralRegulator:
         self._measured = 0.0  # missing motion of the head along the wall [m]
 
     def add_measurement(self, stamp: float, offset: float) -> None:
-        """Record the missing motion of the head along the wall [m] at a stamp [s]."""
+        """Record how far the head lags behind its goal along the wall [m] at a stamp [s]."""
         self._stamp = stamp
         self._measured = offset
 
     def step(self, now: float, interval: float, saturation_error: float) -> None:
-        """Move the shift over an interval [s]; at the workspace limit [m] only back inside."""
+        """Move the shift over an interval [s]; beyond the workspace limit [m] only back inside."""
         if not -CONTACT_CLOCK_TOLERANCE <= now - self._stamp <= OLDEST_OFFSET:
             return
         limit = self.LATERAL_SPEED * interval
@@ -73,7 +73,7 @@ class LateralRegulator:
 
 
 class Contact:
-    """Contact: checks the measurements at the wall and shifts the goal in each cycle."""
+    """Contact with the wall: checks its measurements and shifts the goal in each cycle."""
 
     def __init__(self, press: ContactSettings, lateral: LateralSettings) -> None:
         self.pressing = Pressing(press)
@@ -86,13 +86,13 @@ class Contact:
 
     @property
     def present(self) -> Pose:
-        """Return the present shift of the goal [m, m, rad]."""
+        """Return the current shift of the goal [m, m, rad]."""
         pressing = self.pressing
         return Pose(self.regulator.shift, pressing.normal.shift, pressing.theta.offset)
 
     def add_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
         """
-        Record a wrench of the wall on the head, in the head's frame, measured at a stamp [s].
+        Record the wrench of the wall on the head, in the head's frame, measured at a stamp [s].
 
         Raises an InputError if it is not finite, stale, from the future or out of order.
         """
@@ -103,7 +103,7 @@ class Contact:
 
     def add_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
         """
-        Record the measured lateral offset: the head's missing motion along the wall [m].
+        Record the measured lateral offset: missing motion of the head along the wall [m].
 
         Raises an InputError if it is not finite, stale, from the future or out of order.
         """
@@ -119,7 +119,7 @@ class Contact:
         around: Surroundings,
     ) -> Pose:
         """
-        Return the reference with the shift of the contact [m, m, rad].
+        Return the reference pose shifted by the contact [m, m, rad].
 
         The reference is that of the time at which the head reaches it [s], an interval [s] after
         the previous time.
@@ -140,7 +140,7 @@ class Contact:
         values: Iterable[float],
     ) -> None:
         """
-        Require finite values, a stamp that is at most `oldest` old [s], and increasing stamps.
+        Require finite values and increasing stamps that are at most `oldest` old [s].
 
         A stamp that is earlier by more than `KEPT_TIME` means that the clock was set back.
         """

@@ -1,4 +1,4 @@
-"""Faults of the contact: excessive or unsteady force, a faulty sensor, an unknown zero."""
+"""Contact faults: excessive or unsteady force, a faulty sensor, an unknown sensor zero."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MEASURING_ZERO = 'the zero of contact_wrench is being measured away from the wal
 
 class ForceRises:
     """
-    RMS of the rises of a force above its mean, averaged like an oscillation.
+    RMS of force increases above the mean, averaged as for an oscillation.
 
     Falls do not count: a contact that returns, or a head that stops at a limit, is steady.
 
@@ -35,11 +35,11 @@ class ForceRises:
         self._variance = 0.0
 
     def forget(self) -> None:
-        """Forget the rises, but not the mean."""
+        """Reset the RMS, but keep the mean."""
         self._variance = 0.0
 
     def add(self, interval: float, force: float, least: float) -> None:
-        """Add a force [N] after an interval [s]; only rises above the minimum force count."""
+        """Add a force [N] after an interval [s]; only increases above `least` count."""
         self.mean += filter_share(interval, self._mean_time) * (force - self.mean)
         rise = max(force - max(self.mean, least), 0.0)
         self._variance += filter_share(interval, self._memory) * (
@@ -48,12 +48,12 @@ class ForceRises:
 
     @property
     def rms(self) -> float:
-        """Return the RMS [N] of an oscillation with these rises."""
+        """Return the RMS [N] of an oscillation with these increases."""
         return math.sqrt(self._variance)
 
 
 class ForceMonitor:
-    """Monitor of reasons to leave the wall: excessive or unsteady force, a faulty sensor."""
+    """Monitor of the force for faults that require the head to leave the wall."""
 
     SIGNIFICANT_FORCE = (
         6.0 * NOISE
@@ -75,11 +75,11 @@ class ForceMonitor:
 
     @property
     def mean(self) -> float:
-        """Return the force without components faster than the loop [N]."""
+        """Return the force [N] without components that are too fast for the control loop."""
         return self._chatter.mean
 
     def begin(self) -> None:
-        """Forget previous faults before a new approach to the wall."""
+        """Clear previous faults before a new approach to the wall."""
         self._chatter.forget()
         self._oscillation.forget()
         self._answered = self._demanded
@@ -163,7 +163,7 @@ class SensorZero:
     def add_measurement(
         self, stamp: float, interval: float, force: float, moment: float
     ) -> None:
-        """Use readings [N, N m] off the wall at a stamp, an interval after the last [s]."""
+        """Update the zero with readings off the wall [N, N m], an interval [s] after the last."""
         if stamp <= self._free_from:
             return
         share = filter_share(interval, self.ZERO_TIME)
@@ -171,7 +171,7 @@ class SensorZero:
         self.moment += share * (moment - self.moment)
 
     def fault(self, now: float) -> str:
-        """Return why the zero cannot be used at a time [s]; empty if it can."""
+        """Return why the zero is invalid at a time [s]; empty if it is valid."""
         if now < self._free_from + self.ZERO_WAIT:
             return MEASURING_ZERO
         if abs(self.force) > self.MOST_ZERO:

@@ -1,5 +1,5 @@
 """
-Force of the head on the wall: the law that moves the head, and the tracker of the wall.
+Force control of the head on the wall: the law that moves the head, and a wall tracker.
 
 The brush is the softest spring in series with the wall, so the stiffness k of the contact is at
 most that of the brush, k̂, which is a parameter. The force F(t) = k (a(t) + w(t)), with the offset
@@ -53,7 +53,7 @@ SPEED = 0.04  # m/s, maximum of the offset
 
 class ForceLaw:
     """
-    Force law of one axis, along the wall's normal or in yaw.
+    Force law of one axis: along the wall's normal, or in yaw.
 
     `Pressing` adds each measurement and, in each cycle, moves the offset with the law's velocity.
     """
@@ -73,11 +73,11 @@ class ForceLaw:
 
     @property
     def total(self) -> float:
-        """Return the present offset of the goal [m or rad]."""
+        """Return the current offset of the goal [m or rad]."""
         return self.offset + self.tracked
 
     def begin(self, offset: float) -> None:
-        """Begin with the head at an offset [m or rad]."""
+        """Start with the head at an offset [m or rad]."""
         self.offset = offset
         self.measured_offset = offset
 
@@ -93,7 +93,7 @@ class ForceLaw:
         self, desired: float, stiffness: float, time: float, dead_band: float = 0.0
     ) -> float:
         """
-        Return the velocity [m/s or rad/s] of the offset for a desired force at a time [s].
+        Return the offset's velocity [m/s or rad/s] for a desired force at a time [s].
 
         An error within the dead band [N or N m] counts as zero.
         """
@@ -103,7 +103,7 @@ class ForceLaw:
         return error / (stiffness * self.TIME_CONSTANT * delay)
 
     def move(self, time: float, offset: float, tracked: float = 0.0) -> None:
-        """Set both parts of the offset [m or rad] for a time [s]."""
+        """Set both parts of the offset [m or rad] at a time [s]."""
         self.offset = offset
         self.tracked = tracked
         self._totals.append(time, self.total)
@@ -111,7 +111,7 @@ class ForceLaw:
 
 class WallTracker:
     """
-    Tracker of the wall's distance from the rail, computed from the force.
+    Tracker that estimates the wall's distance from the rail from the force.
 
     The tracker is a steady-state Kalman-Bucy filter for a distance whose jerk is white noise. Its
     bandwidth ω grows with the third root of the stiffness k̂ of the brush, because the noise of
@@ -130,7 +130,7 @@ class WallTracker:
         self._places: TimedBuffer[float, float] = TimedBuffer()
 
     def note_place(self, time: float, place: float) -> None:
-        """Record the head's distance from the rail at a time [s]: offset minus disturbance [m]."""
+        """Record the head's distance from the rail [m] at a time [s]: offset minus disturbance."""
         self._places.append(time, place)
 
     def add_measurement(self, stamp: float, force: float, stiffness: float) -> None:
@@ -164,12 +164,12 @@ class WallTracker:
         self._acceleration += gain**3 * error / interval**2
 
     def distance(self, time: float) -> float:
-        """Return the expected distance of the wall [m] at a time [s]."""
+        """Return the predicted distance of the wall [m] at a time [s]."""
         return self._distance + min(time - self._stamp, OLDEST_WRENCH) * self._velocity
 
 
 class TrackerTrust:
-    """Trust in the tracker, earned by a well held force; one update in each cycle."""
+    """Trust in the tracker, which rises while the force error is small; updated once a cycle."""
 
     TRIAL_TIME = 5.0  # s in which the law holds the force alone and shows its error
     TRUST_TIME = 10.0  # s, then, in which the trust in the tracker rises from 0 to 1
@@ -186,7 +186,7 @@ class TrackerTrust:
         self._rise_time = self.TRUST_TIME  # s
 
     def reset(self, desired: float) -> None:
-        """Trust nothing, before a final desired force [N] is held."""
+        """Reset the trust to zero before a final desired force [N] is applied."""
         self.share = 0.0
         self._squared_error = 0.0
         self._largest = max(self.WELL_HELD * desired, TOUCH) ** 2
@@ -194,7 +194,7 @@ class TrackerTrust:
         self._rise_time = self.TRUST_TIME
 
     def update(self, interval: float, error: float, desired: float) -> None:
-        """Increase the trust while the error of the force [N] is small, else decrease it."""
+        """Increase the trust while the force error [N] is small; otherwise decrease it."""
         self._squared_error += filter_share(interval, self.DISTRUST_TIME) * (
             error**2 - self._squared_error
         )
@@ -212,7 +212,7 @@ class TrackerTrust:
 
 class NormalForce:
     """
-    Force along the wall's normal: law, tracker, and the shift that absorbs fades.
+    Force control along the wall's normal: law, tracker, and a shift that absorbs fades.
 
     `Pressing` decides the offset of the law in each cycle and calls `move` with it.
     """
@@ -235,29 +235,29 @@ class NormalForce:
 
     @property
     def is_at_goal(self) -> bool:
-        """Return whether no part of the shift remains."""
+        """Return whether all parts of the shift are zero."""
         return not (self.law.offset or self.law.tracked or self.absorbed)
 
     def add_measurement(self, stamp: float, force: float, stiffness: float) -> None:
-        """Record a force [N] measured at a stamp [s] on a brush of a stiffness [N/m]."""
+        """Record a force [N] at a stamp [s], on a brush with the given stiffness [N/m]."""
         self.law.add_measurement(stamp, force)
         self.tracker.add_measurement(stamp, force, stiffness)
 
     def velocity(
         self, desired: float, final: float, stiffness: float, time: float
     ) -> float:
-        """Return the velocity of the law's offset [m/s] for a present and a final force [N]."""
+        """Return the velocity of the law's offset [m/s] for a current and a final force [N]."""
         velocity = self.law.velocity(desired, stiffness, time)
         limit = allowed_excess(final) / (stiffness * self.RISE_TIME)
         return min(max(velocity, -SPEED), SPEED, limit)
 
     def absorb_fade(self, interval: float, fading: float, largest: float) -> None:
-        """Keep a fade of the correction [m/s] from moving the head on the wall."""
+        """Absorb a fade of the correction [m/s], so that it does not move the head on the wall."""
         absorbed = self.absorbed + interval * fading
         self.absorbed = min(max(absorbed, -largest), largest)
 
     def release_fade(self, interval: float) -> None:
-        """Return the absorbed fades to the shift of a head off the wall, over an interval [s]."""
+        """Release the absorbed fades over an interval [s] while the head is off the wall."""
         self.absorbed = towards(self.absorbed, 0.0, SPEED * interval)
 
     def move(
@@ -269,7 +269,7 @@ class NormalForce:
         compression: float | None,
     ) -> None:
         """
-        Set the law's offset [m] for a time [s], and move the tracker's part over an interval [s].
+        Set the law's offset [m] at a time [s]; move the tracker's part over an interval [s].
 
         The rail is at y [m] then. The tracker acts while the desired compression of the brush [m]
         is known.
@@ -290,14 +290,18 @@ LEAST_EXCESS = 15.0  # N, the same at least
 
 
 def allowed_excess(desired: float) -> float:
-    """Return the excess of the force limit over a final desired force [N]."""
+    """Return by how much the force may exceed a final desired force [N]."""
     return max(MOST_EXCESS * desired, LEAST_EXCESS)
 
 
 def nearest_value(
     values: TimedBuffer[float, float], time: float, default: float
 ) -> float:
-    """Return the value at a time [s], the nearest one before or after all, or the default."""
+    """
+    Return the value interpolated at a time [s], outside the recorded times the nearest value.
+
+    Without recorded values, return the default.
+    """
     between = values.interpolated(time)
     if between is not None:
         return between
@@ -307,11 +311,11 @@ def nearest_value(
 
 
 def filter_share(interval: float, time_constant: float) -> float:
-    """Return the share of a new value in a low-pass after an interval [s]."""
+    """Return the weight of a new value in a low-pass filter after an interval [s]."""
     return 1.0 - math.exp(-interval / time_constant)
 
 
 def towards(value: float, target: float, limit: float) -> float:
-    """Return a value that moves to a target by at most a limit."""
+    """Move a value towards a target by at most a limit; return the new value."""
     step = target - value
     return target if abs(step) <= limit else value + math.copysign(limit, step)

@@ -1,5 +1,5 @@
 """
-Phases of pressing on the wall: approach the wall, raise the force, hold it, retract.
+Phases of pressing on the wall: approach, raise the force, hold it, retract.
 
 `contact_force.py` contains the law of the force, `contact_faults.py` the reasons to retract.
 """
@@ -32,7 +32,7 @@ CONTACT_CLOCK_TOLERANCE = 0.02  # s
 
 @settings
 class ContactSettings:
-    """Force on the wall, and the brush between head and wall."""
+    """Settings of the force on the wall, and of the brush between head and wall."""
 
     # N/m: with less, a damping of the brush of 25 N s/m makes the law ring
     LEAST_STIFFNESS = 600.0
@@ -98,7 +98,7 @@ class ContactSettings:
 
 
 class PressMode(enum.Enum):
-    """Phases of pressing on the wall, as messages."""
+    """Phases of pressing on the wall; the values are used in messages."""
 
     OFF = 'not pressing'
     RETRACTED = 'retracted'
@@ -108,7 +108,7 @@ class PressMode(enum.Enum):
 
 
 class Surroundings(NamedTuple):
-    """Inputs of the contact in addition to its measurements."""
+    """Inputs of the contact other than its measurements."""
 
     saturation_error: Pose = (
         ZERO_POSE  #: part removed at the workspace limit [m, m, rad]
@@ -120,7 +120,7 @@ class Surroundings(NamedTuple):
 
 
 class ForceRamp:
-    """Present desired force since the touch of the wall, and the time without touch."""
+    """Ramp of the desired force after the head has touched the wall, with the untouched time."""
 
     FALL_TIME = 1.5  # s in which a lowered force falls by the excess of its limit
     FIRST_SHARE = 0.1  # share of the desired force at the beginning of the ramp
@@ -132,17 +132,17 @@ class ForceRamp:
         self._untouched = 0.0  # s
 
     def restart(self) -> None:
-        """Desire no force, before another phase."""
+        """Reset the desired force to zero before another phase."""
         self.desired = 0.0
         self._progress = 0.0
         self._untouched = 0.0
 
     def is_touching(self, force: float, final: float) -> bool:
-        """Return whether a force [N] is a touch, for a final desired force [N]."""
+        """Return whether a force [N] counts as touch, for a final desired force [N]."""
         return force > min(TOUCH, 0.5 * (self.desired or final))
 
     def note_touch(self, interval: float, is_touching: bool) -> None:
-        """Record whether the head touches the wall in an interval [s]."""
+        """Record whether the head touches the wall during an interval [s]."""
         self._untouched = 0.0 if is_touching else self._untouched + interval
 
     @property
@@ -151,13 +151,13 @@ class ForceRamp:
         return self._untouched > self.LOST_AFTER
 
     def advance(self, interval: float, ramp_time: float) -> bool:
-        """Continue a rise of a duration [s]; return whether it is complete."""
+        """Advance a ramp of a given duration by an interval [s]; return whether it is complete."""
         self._progress += interval / ramp_time
         return self._progress >= 1.0
 
     def update(self, interval: float, final: float, is_raising: bool) -> float:
         """
-        Return the present desired force [N] on the way to the final one [N].
+        Return the current desired force [N] on its way to the final desired force [N].
 
         After the operator has lowered the final force, the desired force falls over intervals [s]
         so slowly that the force on the wall follows it.
@@ -172,7 +172,7 @@ class ForceRamp:
 
 class Pressing:
     """
-    Pressing on the wall: approach, raise the force, hold it; retract with a reason.
+    Pressing on the wall: approach, raise the force, hold it, or retract for a reason.
 
     The head waits at the distance `retreat` before the goal and measures the zero of the sensor
     there. After a fault the head stays there until pressing is disabled and enabled again. After a
@@ -209,12 +209,12 @@ class Pressing:
 
     @property
     def desired(self) -> float:
-        """Return the present desired force [N]; 0 without contact."""
+        """Return the current desired force [N]; 0 without contact."""
         return self.ramp.desired
 
     @property
     def moment(self) -> float:
-        """Return the last moment on the wall [N m]."""
+        """Return the last measured moment on the wall [N m]."""
         return self.monitor.moment
 
     @property
@@ -224,23 +224,23 @@ class Pressing:
 
     @property
     def outcome(self) -> str:
-        """Return the phase of pressing on the wall, with the reason if the head does not press."""
+        """Return the phase of pressing, with a reason if the head does not press."""
         reason = self.reason or self._range_fault()
         return f'{self.mode.value}: {reason}' if reason else self.mode.value
 
     @property
     def is_hindered(self) -> bool:
-        """Return whether the force is not reached without a change by the operator."""
+        """Return whether the operator must act before the force can be reached."""
         return self.reason not in ('', MEASURING_ZERO) or bool(self._range_fault())
 
     @property
     def bound(self) -> float:
-        """Return the maximum error of a held force [N]."""
+        """Return the maximum permitted error of a held force [N]."""
         return self.LEAST_BOUND + self.BOUND_SHARE * self.settings.force
 
     @property
     def is_force_reached(self) -> bool:
-        """Return whether the desired force is reached and held, or no force is desired."""
+        """Return whether the desired force is reached and held, or pressing is switched off."""
         return not self.settings.enabled or (
             self.mode is PressMode.HOLDING
             and abs(self.monitor.mean - self.settings.force) <= self.bound
@@ -250,7 +250,7 @@ class Pressing:
         self, stamp: float, force: float, moment: float, is_repeated: bool
     ) -> None:
         """
-        Record the readings of force and moment on the wall [N, N m] at a stamp [s].
+        Record measured force and moment on the wall [N, N m] at a stamp [s].
 
         While the head waits off the wall, they update the zeros of the sensor. The readings minus
         the zeros go to the force laws, the tracker and the monitor. `is_repeated` marks a wrench
@@ -301,14 +301,14 @@ class Pressing:
         return self.mode in (PressMode.OFF, PressMode.RETRACTED)
 
     def _disable(self, time: float) -> None:
-        """Press no longer, and forget a fault; the offset then returns to 0."""
+        """Stop pressing and clear the fault; the offset then returns to 0."""
         self._enter(PressMode.OFF)
         self._is_latched = False
         self.reason = ''
         self.sensor_zero.note_place(time, is_free=False)
 
     def _choose_phase(self, now: float, interval: float, silence: str) -> None:
-        """Wait, retract or follow the touch; `silence` is the reason of a missing input."""
+        """Choose to wait, retract or follow the touch; `silence` explains a missing input."""
         if self._is_off_wall:
             self._wait(now, silence)
             return
@@ -321,19 +321,19 @@ class Pressing:
             self._follow_touch(interval)
 
     def _retract(self, reason: str, is_latched: bool = False) -> None:
-        """Leave the wall for a reason, for good if it is latched."""
+        """Leave the wall for a reason; if it is latched, until pressing is switched off and on."""
         self.reason = reason
         self.last_reason = reason
         self._is_latched = is_latched
         self._enter(PressMode.RETRACTED)
 
     def _enter(self, mode: PressMode) -> None:
-        """Begin a phase without a desired force."""
+        """Begin a phase with a desired force of zero."""
         self.mode = mode
         self.ramp.restart()
 
     def _wait(self, now: float, silence: str) -> None:
-        """Wait off the wall until no reason remains, then approach the wall."""
+        """Wait off the wall until there is no reason to wait, then approach the wall."""
         self.mode = PressMode.RETRACTED
         if not self._is_latched:
             self.reason = silence or self.sensor_zero.fault(now)
@@ -342,7 +342,7 @@ class Pressing:
             self._enter(PressMode.SEARCHING)
 
     def _range_fault(self) -> str:
-        """Return why the range of the offset does not suffice; empty while it does."""
+        """Return why the range of the offset is too small; empty if it is sufficient."""
         limit = f'{1e3 * self.settings.range:g} mm (contact.range) beyond the goal'
         if self.normal.law.offset < self.settings.range or self.is_force_reached:
             return ''
@@ -359,7 +359,7 @@ class Pressing:
         return ''
 
     def _follow_touch(self, interval: float) -> None:
-        """Raise the force over an interval [s] after a touch; approach again without touch."""
+        """Raise the force over an interval [s] after a touch; approach again if it is lost."""
         ramp = self.ramp
         is_touching = ramp.is_touching(self.normal.law.force, self.settings.force)
         ramp.note_touch(interval, is_touching)
@@ -381,7 +381,7 @@ class Pressing:
         return self.normal.velocity(desired, force, self.settings.stiffness, time)
 
     def _wanted_y(self, time: float, interval: float, is_fresh: bool) -> float:
-        """Return the offset in y [m] that the phase wants next."""
+        """Return the next offset in y [m] for the current phase."""
         settings = self.settings
         before = self.normal.law.offset
         if self._is_off_wall:

@@ -1,5 +1,5 @@
 """
-Correction of the disturbance: checked, predicted, and faded in and out smoothly.
+Correction of the disturbance: prediction from checked estimates, with smooth fades.
 
 Enable, disable, tare, a silent estimator and a changed prediction are events. An event changes the
 target trajectory of the correction, never the correction itself. The difference then decays.
@@ -33,7 +33,7 @@ LONGEST_PAUSE = 0.5  # s, a longer pause means that the clock was set
 
 @settings
 class CorrectionSettings:
-    """Settings of the correction: its state at start and its fade time."""
+    """Settings of the correction: initial state and fade time."""
 
     enabled: bool = parameter(
         'Whether the correction is enabled at start; later it is compensator/enable',
@@ -49,7 +49,7 @@ class CorrectionSettings:
 
 
 class CorrectionMode(enum.Enum):
-    """Modes of the correction, as messages."""
+    """Modes of the correction; the values are used in messages."""
 
     DISABLED = 'disabled by the operator'
     NO_ESTIMATE = 'no valid estimate of the disturbance was received yet'
@@ -108,7 +108,7 @@ class Remainder:
         self.clear()
 
     def clear(self) -> None:
-        """Forget the remainder of all jumps."""
+        """Remove the remainder of all jumps."""
         # begin and end of the remainder [s]
         self._start = -math.inf
         self._end = -math.inf
@@ -140,7 +140,7 @@ class Remainder:
         self._end = time + self.DEAD_AFTER * self._constant
 
     def at(self, time: float) -> MotionState:
-        """Return the remainder at a time [s]: (p + s t) exp(−t/T) along each axis."""
+        """Return the remainder at a time [s]: (p + s t) exp(−t/T) for each axis."""
         if time > self._end:
             return ZERO_STATE
         t = max(time - self._start, 0.0)
@@ -164,7 +164,7 @@ class Remainder:
 
 
 class Correction:
-    """Correction: the disturbance to correct at each instant."""
+    """Correction: computes the disturbance to correct at any time."""
 
     LONG_GAP = 0.3  # s between two estimates, after which the prediction may change by centimetres
     CATCH_UP = 0.1  # s, time constant of such a change: 2 m/s² for 20 mm
@@ -217,7 +217,7 @@ class Correction:
         self._catch_up = Remainder(self.CATCH_UP)
 
     def add_estimate(self, estimate: Estimate) -> None:
-        """Learn from a checked estimate, unless it is within 15 ms of the last learnt estimate."""
+        """Learn from a checked estimate if it is 15 ms newer than the last used estimate."""
         self.rejections.clear()
         self._update_usable(estimate)
         elapsed = estimate.stamp - self.predictor.stamp
@@ -241,7 +241,7 @@ class Correction:
 
     def _update_usable(self, estimate: Estimate) -> None:
         """
-        Fade an axis out when it becomes unknown, and in when it has been known long enough.
+        Fade an axis out when it becomes unknown; fade it in after it has been known long enough.
 
         After the clock was set back, an axis has been known since the present stamp.
         """
@@ -259,7 +259,7 @@ class Correction:
 
     def tare(self, now: float) -> Pose:
         """
-        Make the present disturbance the new nominal pose and return it [m, m, rad].
+        Use the present disturbance as the nominal pose, and return it [m, m, rad].
 
         Raises a ManipulatorError if there is no fresh estimate.
         """
@@ -279,7 +279,7 @@ class Correction:
 
     def at(self, now: float, time: float) -> MotionState:
         """
-        Return the disturbance to correct at a time [s], at which the head reaches its pose.
+        Return the disturbance to correct when the head reaches its pose, at a time [s].
 
         The present time `now` [s] decides whether the estimator is silent. A time before that of
         the last call, or more than `LONGEST_PAUSE` after it, continues from the last correction.
@@ -298,16 +298,16 @@ class Correction:
         return self._state
 
     def deviations(self, time: float) -> tuple[float, ...] | None:
-        """Return the deviations of `predictor` at a time [s]; None before the first estimate."""
+        """Return `predictor.deviations` at a time [s]; None before the first estimate."""
         return self.predictor.deviations(time) if self._has_estimates else None
 
     def age(self, now: float) -> float:
-        """Return the age of the newest estimate [s], infinity before the first estimate."""
+        """Return the age of the newest estimate [s]; infinite before the first estimate."""
         return now - self.predictor.stamp
 
     def is_silent(self, now: float) -> bool:
         """
-        Return whether the place of the rail is too uncertain for a contact, a goal or a tare.
+        Return whether the rail's pose is too uncertain for a contact, a goal or a tare.
 
         The prediction continues the correction for longer, up to `FADE_AFTER`.
         """
@@ -316,7 +316,7 @@ class Correction:
     @property
     def _smoothing(self) -> float:
         """
-        Return the time constant [s] of a change due to a new estimate.
+        Return the time constant [s] with which a change due to a new estimate is smoothed.
 
         The changes due to the noise of the estimates determine the jerk of the carriages, so that
         less noise needs less smoothing. The noise is that of the worst axis.
@@ -339,7 +339,7 @@ class Correction:
         return self.predictor.stamp > -math.inf
 
     def _present_mode(self, now: float) -> CorrectionMode:
-        """Return the mode that the operator and the estimates require at a time [s]."""
+        """Return the mode that follows from operator and estimates at a time [s]."""
         if not self.enabled:
             return CorrectionMode.DISABLED
         if not self._has_estimates:
@@ -357,7 +357,7 @@ class Correction:
         usable: tuple[bool, ...] | None = None,
     ) -> None:
         """
-        Change mode, tare offset or usable axes, with a fade from the present correction.
+        Change mode, tare offset or usable axes, and fade from the current correction.
 
         The share of an axis begins at 0, unless a silence has only interrupted its correction.
         """
@@ -383,7 +383,7 @@ class Correction:
         self._fade_from(self._time, before)
 
     def _restart(self, time: float, mode: CorrectionMode) -> None:
-        """Continue from the present correction at another time [s]."""
+        """Continue from the current correction at another time [s]."""
         self._smooth.clear()
         self._missing.clear()
         self._fade.clear()
@@ -395,26 +395,26 @@ class Correction:
         self._fade_from(time, self._state)
 
     def _fade_from(self, time: float, before: MotionState) -> None:
-        """Fade from an earlier motion to the present target at a time [s]."""
+        """Fade from the previous motion to the current target, beginning at a time [s]."""
         jump = before.minus(self._target(self._predicted))
         self._fade.add(time, jump._replace(velocity=ZERO_TWIST))
         self._brake.add(time, jump._replace(position=ZERO_POSE))
 
     @property
     def _corrected(self) -> tuple[bool, ...]:
-        """Return the mask of the axes x, y, theta that are corrected at present."""
+        """Return a mask of the currently corrected axes x, y, theta."""
         return self.usable if self.mode is CorrectionMode.ACTIVE else self.NONE_KNOWN
 
     @property
     def _predicted(self) -> MotionState:
-        """Return the prediction along the axes that are corrected."""
+        """Return the prediction for the corrected axes."""
         if self._time is None or not any(self._corrected):
             return ZERO_STATE
         return _along(self._corrected, self.motion(self._time))
 
     def _target(self, predicted: MotionState) -> MotionState:
         """
-        Return the target of the correction: each axis's share of the smoothed prediction.
+        Return the target of the correction: a share of the smoothed prediction for each axis.
 
         The share of an axis rises from 0 to 1 when its correction begins. The correction then
         stays below the prediction, even while the prediction of the axis is still poor.
@@ -447,7 +447,7 @@ class Correction:
 
     def rail(self, now: float) -> Pose | None:
         """
-        Return the present pose of the rail [m, m, rad], None while no axis is usable.
+        Return the current pose of the rail [m, m, rad]; None if no axis is usable.
 
         Axes that are not usable are 0, and a correction that is disabled changes nothing.
         """
@@ -456,7 +456,7 @@ class Correction:
         return _along(self.usable, self.motion(now)).position
 
     def motion(self, time: float) -> MotionState:
-        """Return the rail's motion at a time [s]; requires an earlier estimate."""
+        """Return the rail's motion at a time [s]; an estimate must have been received."""
         predicted = self.predictor.predict(time)
         if self.nominal == ZERO_POSE:
             return predicted
@@ -469,7 +469,7 @@ class Correction:
 
 
 def _along(mask: Sequence[bool], motion: MotionState) -> MotionState:
-    """Return a motion that is zero along the axes outside a mask of x, y and theta."""
+    """Return a motion in which the axes outside a mask of x, y and theta are zero."""
     if all(mask):
         return motion
     positions = []

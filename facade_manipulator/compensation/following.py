@@ -1,4 +1,4 @@
-"""Tracking of the head: whether it follows its path, and with which lag."""
+"""Monitor of the head: whether the head follows its path, and with what lag."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ OFF_PATH_TIME = 0.5  # s of not following, after which the path begins again at 
 
 
 class Following:
-    """Comparison of the measured pose of the head with the pose published for that instant."""
+    """Monitor that compares the measured head pose with the pose published for the same time."""
 
     LARGEST_ERROR = 0.02  # m, of a head that follows
     LARGEST_YAW_ERROR = 0.035  # rad, of a head that follows
@@ -36,17 +36,17 @@ class Following:
         self._velocity_square = 0.0
 
     def begin(self, now: float) -> None:
-        """Forget the path before a new path begins."""
+        """Discard the old path before a new path begins."""
         self._path.clear()
         self._followed_at = now
 
     def publish(self, time: float, pose: Pose) -> None:
-        """Store the pose published for a time [s]; it replaces poses for that time and later."""
+        """Store the pose published for a time [s]; discard poses for this time or later."""
         self._path.append(time, pose)
 
     def add_head(self, stamp: float, head: Pose) -> None:
         """
-        Compare the measured pose of the head at a stamp [s, monotonic] with the published path.
+        Compare the head pose measured at a stamp [s, monotonic] with the published path.
 
         Without a path the head follows it. Raises an InputError if the pose is not newer than the
         previous pose, but at most `KEPT_TIME` older: more means that the clock was set back.
@@ -67,19 +67,19 @@ class Following:
             self._measure_lag(interval, error, planned.velocity)
 
     def newest(self, now: float) -> tuple[float, Pose] | None:
-        """Return the last stamp [s] and pose of the head, None if the pose is stale."""
+        """Return stamp [s] and pose of the last measured head pose; None if the pose is stale."""
         if self._head is None or now - self._head[0] >= OFF_PATH_TIME:
             return None
         return self._head
 
     def is_off_path(self, now: float) -> bool:
-        """Return whether the head's pose is known, but has not followed the path for 0.5 s."""
+        """Return whether the head pose is known, but has been off the path for 0.5 s."""
         newest = self.newest(now)
         return newest is not None and newest[0] - self._followed_at > OFF_PATH_TIME
 
     def _measure_lag(self, interval: float, error: Pose, velocity: Twist) -> None:
         """
-        Update the lag [s] by regression of the error on the velocity, with forgetting.
+        Update the lag [s] by recursive regression of the error on the velocity.
 
         The lag is ∫ e·v dt / ∫ v·v dt, where older parts of both integrals decay with `LAG_MEMORY`
         and yaw is weighted by `ARM`². The sums continue over a new path.
@@ -110,7 +110,7 @@ class Following:
 def _motion(
     before: tuple[float, Pose], after: tuple[float, Pose], stamp: float
 ) -> MotionState:
-    """Return the motion on the straight path between two items (time, pose) at a stamp [s]."""
+    """Return the motion at a stamp [s], linearly interpolated between two items (time, pose)."""
     begin, first = before
     end, second = after
     duration = end - begin

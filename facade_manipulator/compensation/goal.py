@@ -1,4 +1,4 @@
-"""Goal of the head on the wall: reception, way, arrival and end, as reports for a supervisor."""
+"""Goal of the head on the wall, and the reports about its progress to a supervisor."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Goal(NamedTuple):
 
 
 class GoalState(Enum):
-    """State of a goal; the values are those on compensator/goal_status."""
+    """State of a goal; the values are published on compensator/goal_status."""
 
     NONE = 'none'  #: no goal was received
     WAITING = 'waiting'  #: for the status of the driver; not published
@@ -48,7 +48,7 @@ class GoalState(Enum):
 
 @settings
 class ArrivalSettings:
-    """Settings of arrival: required distance of the head from its goal, and required duration."""
+    """Settings of arrival: tolerances around the goal, and required duration within them."""
 
     distance: float = parameter(
         'Distance on the wall within which a goal is reached',
@@ -84,7 +84,7 @@ class Rejection(NamedTuple):
 
 
 class Remaining(NamedTuple):
-    """Distance, angle and time that remain until a goal is reached; NaN where unknown."""
+    """Remaining distance, angle and time to a goal; NaN if unknown."""
 
     distance: float = math.nan  #: of the measured head [m]
     angle: float = math.nan  #: of the measured head [rad]
@@ -93,7 +93,7 @@ class Remaining(NamedTuple):
 
 class GoalTracker:
     """
-    Tracker of the newest goal, which publishes each of its states.
+    Tracker of the newest goal, which publishes every change of its state.
 
     The node calls `receive` for a goal that is inside the workspace and no repetition. The goal
     then waits for `follow` or `refuse`, and a followed goal for `end`. The node calls `update` at
@@ -160,12 +160,12 @@ class GoalTracker:
 
     @property
     def is_in_force(self) -> bool:
-        """Return whether the newest goal is followed or waits for its answer."""
+        """Return whether the newest goal is followed or waits to be accepted or rejected."""
         return self.is_followed or self.state is GoalState.WAITING
 
     def answer_repetition(self, goal: Goal, has_stamp: bool) -> bool:
         """
-        Answer a goal that repeats an earlier goal; return whether it does.
+        Answer a repetition of an earlier goal; return whether the goal is a repetition.
 
         A goal with a stamp is answered once: after its rejection or its end, the answer is
         published again. A goal without a stamp repeats the newest goal while this waits or is
@@ -186,7 +186,7 @@ class GoalTracker:
         return is_rejected or is_newest
 
     def receive(self, goal: Goal) -> None:
-        """Let a goal wait for its answer; it supersedes a goal that is not yet reached."""
+        """Store a goal that waits for its answer; it supersedes a goal that is not reached."""
         is_reached = self.state is GoalState.REACHED
         is_other = goal.stamp != self._goal.stamp
         if self.is_in_force and is_other and not is_reached:
@@ -195,7 +195,7 @@ class GoalTracker:
         self.state = GoalState.WAITING
 
     def follow(self, goal: Goal) -> None:
-        """Move the head to the goal that waits."""
+        """Move the head to the waiting goal."""
         self._compensator.set_goal(goal.pose)
         self._rejection = None
         self._near_since = math.inf
@@ -207,19 +207,19 @@ class GoalTracker:
         self._enter(GoalState.REJECTED, reason)
 
     def reject(self, stamp: str, reason: str) -> None:
-        """Reject a goal that is outside the workspace or malformed; a followed goal continues."""
+        """Reject a malformed goal or a goal outside the workspace; a followed goal continues."""
         if self.is_in_force and stamp == self._goal.stamp:
             return  # a repetition does not change the answer
         self._rejection = Rejection(stamp, reason)
         self._send(stamp, GoalState.REJECTED, reason)
 
     def end(self, reason: str) -> None:
-        """Report why the followed goal ends; the caller stops the head."""
+        """Report why the followed goal ends; the caller then stops the head."""
         if self.is_followed:
             self._enter(GoalState.ENDED, reason)
 
     def update(self, now: float) -> None:
-        """Publish a change at once, and the distance every `GOAL_PERIOD` until it is reached."""
+        """Publish changes at once, and the distance every `GOAL_PERIOD` until arrival."""
         if not self.is_followed:
             return
         remaining = self._measure_remaining(now)
@@ -232,7 +232,7 @@ class GoalTracker:
             self._enter(state, reason, remaining)
 
     def _measure_remaining(self, now: float) -> Remaining:
-        """Return what remains until the goal; record how long the head has been near."""
+        """Return remaining distance, angle and time; record how long the head has been near."""
         distance = math.nan
         angle = math.nan
         error = self._compensator.goal_error(now)
@@ -251,14 +251,14 @@ class GoalTracker:
         return Remaining(distance, angle, max(path_time, 0.0) + dwell)
 
     def _is_near(self, distance: float, angle: float) -> bool:
-        """Return whether a distance [m] and an angle [rad] are within the tolerances."""
+        """Return whether distance [m] and angle [rad] are within the tolerances."""
         factor = self.LEAVING if self.state is GoalState.REACHED else 1.0
         is_close = distance <= factor * self.settings.distance
         return is_close and angle <= factor * self.settings.angle
 
     def _present_state(self, now: float, remaining: Remaining) -> tuple[GoalState, str]:
         """
-        Return the state of the followed goal and its reason.
+        Return the state of the followed goal, and the reason for this state.
 
         A goal is held back by a limit, by pressing that cannot reach its force, or for another
         reason after the path has ended, which is logged unless the goal was held back before.
@@ -289,7 +289,7 @@ class GoalTracker:
     def _enter(
         self, state: GoalState, reason: str, remaining: Remaining = UNKNOWN_REMAINDER
     ) -> None:
-        """Publish the newest goal in a state."""
+        """Change and publish the state of the newest goal."""
         self.state = state
         self._reason = reason
         self._send(self._goal.stamp, state, reason, remaining)
@@ -304,7 +304,7 @@ class GoalTracker:
         reason: str,
         remaining: Remaining = UNKNOWN_REMAINDER,
     ) -> None:
-        """Publish state and reason of the goal with a stamp."""
+        """Publish state and reason of the goal that a stamp identifies."""
         values = {
             'goal stamp': stamp,
             'state': state.value,
@@ -333,14 +333,14 @@ class GoalTracker:
 
 
 def _outcome(state: GoalState, reason: str) -> str:
-    """Return state and reason; a reason that begins with the state is the outcome."""
+    """Return state and reason as one text; a reason that begins with the state is sufficient."""
     if not reason or reason.startswith(state.value):
         return reason or state.value
     return f'{state.value}: {reason}'
 
 
 def late_reason(compensator: Compensator, now: float) -> str:
-    """Return why a head is not at its goal after its path, ``''`` for an unknown reason."""
+    """Return why the head is not at its goal after the end of its path; ``''`` if unknown."""
     if compensator.following.newest(now) is None:
         return (
             f'end_effector_pose is silent for more than {OFF_PATH_TIME:g} s; next: check '
@@ -350,7 +350,7 @@ def late_reason(compensator: Compensator, now: float) -> str:
 
 
 def uncorrected_reason(correction: Correction, now: float) -> str:
-    """Return why received estimates are not corrected, or soon not; ``''`` if they are."""
+    """Return the reason why the correction is off or about to end, or ``''``."""
     if correction.is_silent(now):
         return (
             f'no valid estimate for more than {ESTIMATOR_SILENCE:g} s, and the correction '

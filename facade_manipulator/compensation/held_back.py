@@ -1,4 +1,4 @@
-"""Limits that hold axes of the head back from their path."""
+"""Limits that keep axes of the head from following their path."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from facade_manipulator.kinematics import Pose
 
 
 class HeldBack:
-    """Limits that hold axes of the head back, or held them back within the last second."""
+    """Limits that hold axes of the head back now, or did so within the last second."""
 
     HOLDS = ('at the workspace limit', 'by an uncertain estimate')
     LEAST_ERROR = 1e-4  # m or rad, minimum error of an axis that counts as held back
@@ -16,14 +16,14 @@ class HeldBack:
         self._noted: dict[tuple[str, str], float] = {}
 
     def note(self, now: float, *errors: Pose) -> None:
-        """Record the axes that are held back, from their errors for each of `HOLDS`."""
+        """Record which axes are held back, from the axis errors for each entry of `HOLDS`."""
         for limit, error in zip(self.HOLDS, errors, strict=True):
             for axis, amount in zip(Pose._fields, error, strict=True):
                 if abs(amount) > self.LEAST_ERROR:
                     self._noted[limit, axis] = now
 
     def message(self, now: float) -> str:
-        """Return the held axes and their limits as a message, empty if no axis is held."""
+        """Return a message with the held axes and their limits; empty if no axis is held."""
         for held, then in [*self._noted.items()]:
             # a future time: the clock was set back
             if not 0.0 <= now - then < self.SHOWN_FOR:

@@ -1,5 +1,5 @@
 """
-Compensator: a goal on the wall becomes the path of the head in the frame of the rail.
+Compensator: converts a goal on the wall to the path of the head in the frame of the rail.
 
 corrected = d⁻¹ ∘ reference, in SE(2), for one horizon ahead plus the lag of the head, saturated at
 the workspace limit. d is the predicted disturbance; the reference is the jerk-limited path to the
@@ -44,7 +44,7 @@ from facade_manipulator.prediction.estimate import EstimateGate, EstimateSetting
 
 @settings
 class CompensationSettings:
-    """Settings of the compensation: rate and lead of corrected poses."""
+    """Settings of the compensation: rate of corrected poses, and their lead time."""
 
     DRIVE_LAG = 0.015  # s, controller.drive_lag of the shipped parameters
     TRANSPORT = 0.01  # s, from a corrected pose to the cycle that uses its setpoint
@@ -67,7 +67,7 @@ class CompensationSettings:
     @property
     def lead(self) -> float:
         """
-        Return the lead of corrected poses [s].
+        Return the lead time of corrected poses [s].
 
         Without a set horizon it is the delay of the commands: two periods, because the drives
         latch a target at the next SYNC and interpolate to it for one more, their lag, and the
@@ -77,7 +77,7 @@ class CompensationSettings:
 
 
 class CorrectedPose(NamedTuple):
-    """A pose for the head in frame rail, with the terms that it was computed from."""
+    """Corrected pose of the head in frame rail, and the terms from which it was computed."""
 
     time: float  #: instant of the command [s]
     reach_time: float  #: instant at which the head reaches the pose, after its lag [s]
@@ -90,7 +90,7 @@ class CorrectedPose(NamedTuple):
 
 
 class CompensatorSettings(NamedTuple):
-    """Settings of the compensator's parts."""
+    """Settings of all components of the compensator."""
 
     compensation: CompensationSettings = CompensationSettings()
     estimate: EstimateSettings = EstimateSettings()
@@ -101,7 +101,7 @@ class CompensatorSettings(NamedTuple):
 
     @classmethod
     def read(cls, source: ParameterSource) -> CompensatorSettings:
-        """Read the parameters of the parts."""
+        """Read the parameters of all components."""
         return cls(
             compensation=source.read(CompensationSettings),
             estimate=source.read(EstimateSettings, 'estimate'),
@@ -113,7 +113,7 @@ class CompensatorSettings(NamedTuple):
 
 
 class Compensator:
-    """Compensator: goals, estimates and contact measurements become corrected poses."""
+    """Compensator: computes corrected poses from goals, estimates and contact measurements."""
 
     LONGEST_INTERVAL = 0.1  # s, a longer pause counts as this interval
     DEFAULTS = CompensatorSettings()
@@ -139,7 +139,7 @@ class Compensator:
 
     def change(self, part: str, settings: Any) -> None:
         """
-        Change the settings of a part with live parameters without a jump of the pose.
+        Change the live parameters of a component, without a jump of the pose.
 
         Raises a ValueError for another part than ``'contact'`` and ``'lateral'``.
         """
@@ -152,7 +152,7 @@ class Compensator:
 
     def set_goal(self, goal: Pose) -> None:
         """
-        Move to a goal on the wall from now on.
+        Begin to move to a goal on the wall.
 
         Raises a LimitError if the goal is outside the workspace even in still air; the previous
         goal stays.
@@ -161,17 +161,17 @@ class Compensator:
         self.goal = goal
 
     def require_inside(self, goal: Pose) -> None:
-        """Require a goal inside the workspace in still air; raises a LimitError otherwise."""
+        """Raise a LimitError if a goal is outside the workspace of an undisturbed rail."""
         self._mechanism.certify(goal, self._reference.settings.min_conditioning)
 
     def drop_goal(self) -> None:
-        """Drop the goal: `update` returns None; the path to the next goal begins at the head."""
+        """Drop the goal: `update` returns None; the next path begins at the head's pose."""
         self.goal = None
         self.newest = None
 
     def hold(self, now: float) -> Pose:
         """
-        End the path to the goal; return the pose on the wall where the head stops [m, m, rad].
+        End the path to the goal; return the pose on the wall at which the head stops [m, m, rad].
 
         Raises a ManipulatorError if the head follows no goal.
         """
@@ -186,7 +186,7 @@ class Compensator:
 
     def goal_error(self, now: float) -> Pose | None:
         """
-        Return the goal, shifted by the contact, minus the head on the wall [m, m, rad].
+        Return the goal, shifted by the contact, minus the head's pose on the wall [m, m, rad].
 
         Return None without a goal, a recent pose of the head, or the place of the rail: it is
         unknown while the estimates are silent or an axis is not usable. Before the first estimate
@@ -203,7 +203,7 @@ class Compensator:
         return difference(add(self.goal, self.contact.present), on_wall)
 
     def path_time(self, now: float) -> float:
-        """Return the remaining time of the path to the goal [s]; infinite before it is planned."""
+        """Return the remaining time of the path to the goal [s]; infinite without a path."""
         if self.newest is None or self.goal != self._reference.goal:
             return math.inf
         return self._reference.arrival() - now
@@ -217,7 +217,7 @@ class Compensator:
         tilt: float = 0.0,
     ) -> None:
         """
-        Learn from an estimate of the disturbance, with the arguments of `EstimateGate.check`.
+        Learn from an estimate of the disturbance; see `EstimateGate.check` for the arguments.
 
         Raises an InputError if the estimate is impossible.
         """
@@ -225,7 +225,7 @@ class Compensator:
 
     def update(self, now: float) -> CorrectedPose | None:
         """
-        Return the corrected pose for one horizon ahead, None before there is a goal.
+        Return the corrected pose for one horizon ahead; None without a goal.
 
         The present time [s] is later than at the previous update; if the clock was set, the path
         begins again.
@@ -270,7 +270,7 @@ class Compensator:
         reference: Pose,
         disturbance: Pose,
     ) -> Pose:
-        """Return the reference [m, m, rad] with the shift of the contact."""
+        """Return the reference pose [m, m, rad] shifted by the contact."""
         saturation_error = ZERO_POSE
         if self.newest is not None:
             saturation_error = self.newest.saturation_error
@@ -301,7 +301,7 @@ class Compensator:
     def _initialise(
         self, now: float, reach_time: float, disturbance: Pose, goal: Pose
     ) -> None:
-        """Start the path at the head, or at the goal if the head's pose is unknown."""
+        """Start the path at the head's pose; at the goal if the head's pose is unknown."""
         self.following.begin(now)
         self.initialisations += 1
         start = goal

@@ -1,4 +1,4 @@
-"""Saturation of corrected poses at the limits of the mechanism, axis by axis."""
+"""Saturation of corrected poses at the limits of the mechanism, one axis after another."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from facade_manipulator.kinematics.links import (
 
 
 class Saturated(NamedTuple):
-    """A pose inside the limit and the part removed from each axis [m, m, rad]."""
+    """Pose inside the limits, and the part removed from each axis [m, m, rad]."""
 
     pose: Pose
     saturation_error: Pose
@@ -32,7 +32,7 @@ class Saturated(NamedTuple):
 
 class WorkspaceLimit:
     """
-    Limits of the workspace: y is limited first, then θ at this y, then x at both.
+    Limits of the workspace: limit y first, then θ for this y, then x for both.
 
     At fixed (y, θ) reach and order of the carriages do not depend on x, and x has one interval. At
     fixed y the yaw has one interval, symmetric about 0. Where the platform is long in comparison
@@ -88,7 +88,7 @@ class WorkspaceLimit:
 
     def saturate(self, pose: Pose, slope: float = 0.0) -> Saturated:
         """
-        Return the pose inside the workspace for a desired pose, which may be outside.
+        Return the pose inside the workspace that replaces a desired pose.
 
         A change of x changes y by the slope, the tangent of the angle from the wall to the rail.
         The head then keeps its distance from the wall instead of the rail.
@@ -102,7 +102,7 @@ class WorkspaceLimit:
         return inside
 
     def _clamped(self, pose: Pose) -> Saturated:
-        """Return the head's pose [m, m, rad] with its platform inside."""
+        """Return the head's pose [m, m, rad] after moving its platform inside the workspace."""
         platform = self._clamped_platform(self._mechanism.platform(pose))
         if platform.saturation_error == ZERO_POSE:
             return Saturated(pose, ZERO_POSE)
@@ -111,7 +111,7 @@ class WorkspaceLimit:
 
     def _clamped_platform(self, pose: Pose) -> Saturated:
         """
-        Return a pose of the platform inside the softened limits, and the part removed.
+        Return a platform pose inside the softened limits, and the part removed.
 
         Each limit depends on those before it: y, then yaw at this y, then x at both.
         """
@@ -125,7 +125,7 @@ class WorkspaceLimit:
 
     def _y_interval(self) -> tuple[float, float]:
         """
-        Return the y-interval [m] at θ = 0; never behind the rail.
+        Return the y-interval [m] at θ = 0, which is never behind the rail.
 
         Carriage gap and reach give its ends, or conditioning and stroke if they end it earlier.
         """
@@ -143,7 +143,7 @@ class WorkspaceLimit:
 
     def _greatest_yaw(self, y: float) -> float:
         """
-        Return the yaw limit [rad] from order and reach, or from conditioning and stroke if less.
+        Return the yaw limit [rad] from order, reach, conditioning and stroke.
 
         The order assumes cos θ = 1 at the gap, which is on the safe side.
         """
@@ -164,7 +164,7 @@ class WorkspaceLimit:
         return usable
 
     def _is_usable(self, y: float, theta: float) -> bool:
-        """Return whether conditioning and stroke permit a pose [m, rad] at some x."""
+        """Return whether conditioning and stroke permit a pose (y, θ) [m, rad] for some x."""
         lowest, highest = self._x_interval(y, theta)
         if lowest > highest:
             return False
@@ -175,7 +175,7 @@ class WorkspaceLimit:
         return squared_index(at, ratio1, ratio2) >= self._min_conditioning**2
 
     def _x_interval(self, y: float, theta: float) -> tuple[float, float]:
-        """Return the x-interval [m] at (y, θ), from the stroke of the outer carriages."""
+        """Return the x-interval [m] at (y, θ), which the stroke of the outer carriages limits."""
         sides = self._mechanism.sides
         _, cosine, _, _, s1, s2 = links(sides, y, theta, root=_root_or_zero)
         return x_interval(sides, self._stroke, cosine, s1, s2)
@@ -191,7 +191,7 @@ def _greatest(*errors: tuple[float, ...]) -> float:
 
 def soft_clamp(value: float, low: float, high: float, knee: float) -> float:
     """
-    Clamp a value to an interval, with a parabola instead of each corner.
+    Clamp a value to an interval; a parabola replaces each corner.
 
     Within `knee` of an end the output is bent progressively. It reaches the end for a value one
     knee beyond the end. An empty interval returns its middle.

@@ -1,5 +1,5 @@
 """
-Pose of the rail on the façade, estimated from commercial sensors.
+Estimation of the rail's pose on the façade with commercial sensors.
 
 The inputs, each with a stamp, are turning rates and accelerations, distances of the wall, places
 of features, and poses. The outputs are pose and velocity of the rail with covariances, counts of

@@ -1,4 +1,4 @@
-"""Settings of the estimator: mounting and noise of the sensors, and the wall."""
+"""Settings of the estimator: mounting and noise of each sensor, and the wall."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class ImuSettings:
 
 @settings
 class DistanceSettings:
-    """Settings of a sensor of the wall's distance along the rail's y."""
+    """Settings of a sensor that measures the wall's distance along the rail's y."""
 
     mounting: tuple[float, ...] = parameter(
         'Place on the rail: x, y, z',
@@ -95,7 +95,7 @@ class DistanceSettings:
 
 @settings
 class FixSettings(DistanceSettings):
-    """Settings of a sensor of a wall feature's place along the rail's x."""
+    """Settings of a sensor that measures a wall feature's position along the rail's x."""
 
     noise: float = inherited(DistanceSettings, 'noise', default=5e-4)
     place_noise: float = inherited(DistanceSettings, 'place_noise', default=3e-4)
@@ -132,7 +132,7 @@ class PoseFixSettings:
 
 @settings
 class ProfileSettings:
-    """Settings of the wall in front of the rail."""
+    """Settings of the wall profile in front of the rail."""
 
     distance: float = parameter(
         'Distance of the wall from the rail at rest; 0 takes the first measurement',
@@ -152,7 +152,7 @@ class ProfileSettings:
 
 @dataclass(frozen=True)
 class EstimatorSetup:
-    """Settings of all sensors by their names, and of the wall."""
+    """Settings of all sensors by name, and of the wall."""
 
     imu: ImuSettings = ImuSettings()
     wall: ProfileSettings = ProfileSettings()
@@ -162,7 +162,7 @@ class EstimatorSetup:
 
     @classmethod
     def read(cls, source: ParameterSource) -> EstimatorSetup:
-        """Read the parameters of the estimator, which has a group for each named sensor."""
+        """Read the parameters of the estimator; each named sensor has its own group."""
         names = source.read(SensorNames)
         return cls(
             imu=source.read(ImuSettings, 'imu'),
@@ -176,5 +176,5 @@ class EstimatorSetup:
 def _by_name(
     source: ParameterSource, cls: type[Sensor], names: tuple[str, ...]
 ) -> dict[str, Sensor]:
-    """Return the settings of the sensors of a kind by their names, except empty names."""
+    """Return the settings of one kind of sensor by sensor name, without empty names."""
     return {name: source.read(cls, name) for name in names if name}

@@ -1,5 +1,5 @@
 """
-Steps of the filter in the last 0.4 s, so that a late measurement applies at its stamp.
+Filter steps of the last 0.4 s, with which a late measurement is applied at its stamp.
 
 A measurement belongs to the first step that is not earlier. Inputs and measurements after it are
 applied again, with the same levels of the wall. The result equals that of measurements without
@@ -22,7 +22,7 @@ _stamp = attrgetter('stamp')
 
 @dataclass(slots=True)
 class Measurement:
-    """Scalar measurement of a sensor."""
+    """Scalar measurement of one sensor."""
 
     sensor: str
     stamp: float
@@ -36,7 +36,7 @@ class Measurement:
 
 @dataclass(slots=True)
 class Step:
-    """Step of the filter: time [s], input since the previous step, and state after updates."""
+    """Filter step: time [s], input since the previous step, and state after the updates."""
 
     stamp: float
     imu: ImuInput
@@ -48,7 +48,7 @@ Correct = Callable[[Step, Measurement], FilterState]
 
 class History:
     """
-    Steps of the filter in the order of their stamps.
+    Filter steps in the order of their stamps.
 
     Parameters
     ----------
@@ -74,13 +74,13 @@ class History:
         self._measurements: list[Measurement] = []  # in the order of their stamps
 
     def restart(self, state: FilterState) -> None:
-        """Forget all steps, and continue with a state at the newest stamp."""
+        """Discard all steps, and continue with a state at the newest stamp."""
         newest = self._steps[-1]
         self._steps = [Step(newest.stamp, newest.imu, state)]
         self._valid = 1
 
     def update(self) -> Step:
-        """Propagate through all steps that are not up to date, correct each, return the newest."""
+        """Recompute all outdated steps with their measurements; return the newest step."""
         for before, step in pairwise(self._steps[self._valid - 1 :]):
             duration = step.stamp - before.stamp
             step.state = self._process.propagate(before.state, step.imu, duration)
@@ -93,12 +93,12 @@ class History:
 
     @property
     def oldest(self) -> float:
-        """Return the minimum stamp of a measurement that is still used [s]."""
+        """Return the oldest stamp that a measurement may have [s]."""
         return self._steps[0].stamp
 
     def add_input(self, stamp: float, imu: ImuInput) -> None:
         """
-        Append a step at a stamp [s], without computing its state, and forget what is too old.
+        Append a step at a stamp [s] without computing its state, and discard old steps.
 
         An input of the IMU replaces the steps without IMU from its stamp on. If the state of the
         newest step is not computed yet and the joint step is at most `LONGEST`, that step is
@@ -127,7 +127,7 @@ class History:
         del self._measurements[:count]
 
     def add_measurement(self, measurement: Measurement) -> None:
-        """Add a measurement that is newer than `oldest`; it may be newer than the newest step."""
+        """Add a measurement newer than `oldest`, which may also be newer than the newest step."""
         insort(self._measurements, measurement, key=_stamp)
         first = bisect_left(self._steps, measurement.stamp, key=_stamp)
         self._valid = min(self._valid, first)
@@ -136,7 +136,7 @@ class History:
 def mean_input(
     first: Sequence[float], second: Sequence[float], share: float
 ) -> tuple[float, ...]:
-    """Return the mean of two inputs; the second has a share from 0 to 1 of the time."""
+    """Return the weighted mean of two inputs; `share` is the weight of the second, 0 to 1."""
     mean = []
     for before, after in zip(first, second, strict=True):
         mean.append((1.0 - share) * before + share * after)

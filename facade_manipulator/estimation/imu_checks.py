@@ -20,7 +20,7 @@ LARGEST_FORCE = 30.0
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Return the rotation matrix Rz(yaw) Ry(pitch) Rx(roll) for angles [rad]."""
+    """Return the rotation matrix Rz(yaw) Ry(pitch) Rx(roll) of three angles [rad]."""
     cr, cp, cy = np.cos((roll, pitch, yaw))
     sr, sp, sy = np.sin((roll, pitch, yaw))
     row_x = (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr)
@@ -30,7 +30,7 @@ def rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 
 class ImuGate:
-    """Reject measurements that are impossible for an IMU on a gondola."""
+    """Gate that rejects measurements impossible for an IMU on a gondola."""
 
     # maximum acceleration at rest [m/s²] that means an IMU with the unit g
     MOST_IN_G = 1.7
@@ -45,7 +45,7 @@ class ImuGate:
         self._mean = [0.0, 0.0, GRAVITY]
 
     def reset(self) -> None:
-        """Forget the newest measurement."""
+        """Discard the newest measurement."""
         self.stamp = -math.inf  #: of the newest measurement [s]
         self.arrival = -math.inf  #: of the newest measurement [s]
         self.newest: tuple[float, ...] = ()  #: its rates and forces along the rail
@@ -54,7 +54,7 @@ class ImuGate:
         self, now: float, stamp: float, rates: Sequence[float], forces: Sequence[float]
     ) -> tuple[float, tuple[float, ...]]:
         """
-        Return the time of measurement [s], and the rates [rad/s] and forces [m/s²] along the rail.
+        Check a measurement; return its time [s], rates [rad/s] and forces [m/s²] in rail axes.
 
         Raises
         ------
@@ -84,12 +84,12 @@ class ImuGate:
         return stamp, self.newest
 
     def _along_rail(self, values: Sequence[float]) -> list[float]:
-        """Return a vector along the axes of the rail instead of those of the IMU."""
+        """Transform a vector from the axes of the IMU to those of the rail."""
         x, y, z = values
         return [a * x + b * y + c * z for a, b, c in self._rotation]
 
     def _update_mean(self, forced: Sequence[float]) -> None:
-        """Update the mean acceleration with a measurement along the axes of the rail."""
+        """Update the mean acceleration with an acceleration in the rail's axes."""
         means = []
         for mean, force in zip(self._mean, forced, strict=True):
             means.append(mean + self.SETTLING * (force - mean))
@@ -105,7 +105,7 @@ class ImuGate:
             )
 
     def _require_upright(self) -> None:
-        """Require that the mean acceleration is gravity, along the z of the rail."""
+        """Require that the mean acceleration is gravity along the rail's z."""
         upwards = self._mean[2]
         whole = math.hypot(*self._mean)
         if whole < self.MOST_IN_G:
@@ -124,7 +124,7 @@ class ImuGate:
 
 class YawComparison:
     """
-    Compare the yaw from two distances with the integrated rate of the gyroscope.
+    Comparison of the yaw from two distances with the integrated gyroscope rate.
 
     With swapped distance sensors, or rates in degrees, the filter gives plausible wrong estimates.
     """
@@ -150,7 +150,7 @@ class YawComparison:
         self._newest: dict[float, tuple[float, float]] = {}
 
     def add_distance(self, place: float, stamp: float, distance: float) -> str:
-        """Add a distance [m] measured at a place along the rail [m]; return the fault, if any."""
+        """Add a distance [m] measured at a position along the rail [m]; return a fault, if any."""
         self._newest[place] = (stamp, distance)
         left = min(self._newest)
         right = max(self._newest)

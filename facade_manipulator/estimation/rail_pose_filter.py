@@ -1,5 +1,5 @@
 """
-Estimator of the rail's pose on the façade, from an IMU and sensors of the wall.
+Estimator of the rail's pose on the façade, from an IMU and wall sensors.
 
 An extended Kalman filter over the last 0.4 s, driven by the IMU: `rail_pose_model` contains the
 equations, `history` puts late measurements in order, `wall_depth_levels` finds the level of the
@@ -31,14 +31,14 @@ from facade_manipulator.kinematics import Pose, Twist
 
 
 class EstimatorEvent(NamedTuple):
-    """Event of the estimator: its time [s] and a text that begins with the axis or the sensor."""
+    """Event of the estimator: time [s], and a text that begins with the axis or the sensor."""
 
     stamp: float
     text: str
 
 
 class RailMotion(NamedTuple):
-    """Pose of the rail in `facade`, and its twist along the axes of `rail`."""
+    """Pose of the rail in `facade`, and its twist in the axes of `rail`."""
 
     stamp: float  #: [s]
     pose: Pose  #: [m, m, rad]
@@ -49,7 +49,7 @@ class RailMotion(NamedTuple):
 
 class DisturbanceEstimator:
     """
-    Extended Kalman filter for pose and velocity of the rail.
+    Extended Kalman filter for the pose and velocity of the rail.
 
     The node adds each measurement when it arrives, and calls `advance` in each cycle.
     """
@@ -97,7 +97,7 @@ class DisturbanceEstimator:
         self._reset()
 
     def _reset(self, reason: str = '') -> None:
-        """Restart all axes; record the reason as an event if any axis had started."""
+        """Restart all axes; if an axis had started, record the reason as an event."""
         if reason:
             self._note('all', f'{reason}: all axes restart')
         self._history = History(
@@ -111,7 +111,7 @@ class DisturbanceEstimator:
             channel.reset()
 
     def _set_time(self, now: float) -> None:
-        """Set the present time [s]; reset everything if the clock was set."""
+        """Set the present time [s]; restart all axes if the clock was set."""
         elapsed = now - self._now
         if not -SENSOR_CLOCK_TOLERANCE <= elapsed <= self.LONGEST_PAUSE_OF_CALLS:
             self._now = now
@@ -123,7 +123,7 @@ class DisturbanceEstimator:
         self, now: float, stamp: float, rates: Sequence[float], forces: Sequence[float]
     ) -> None:
         """
-        Add turning rates [rad/s] and specific forces [m/s²] along the axes of the IMU.
+        Add angular rates [rad/s] and specific forces [m/s²] in the axes of the IMU.
 
         The filter uses the mean of this and the previous measurement for the time between them.
         The comparison of yaws integrates the turning rate about z.
@@ -152,7 +152,7 @@ class DisturbanceEstimator:
         variance: float = 0.0,
     ) -> None:
         """
-        Add a measurement [m or rad] of a sensor, with its variance [m² or rad²], 0 if unknown.
+        Add a sensor's measurement [m or rad] and its variance [m² or rad²], 0 if unknown.
 
         Raises
         ------
@@ -179,7 +179,7 @@ class DisturbanceEstimator:
 
     def advance(self, now: float) -> RailMotion | None:
         """
-        Return the motion of the rail at the newest step, which may be before `now`.
+        Return the newest motion of the rail; None before the first start, or after a fault.
 
         None while no axis is known, or after a fault.
         """
@@ -203,7 +203,7 @@ class DisturbanceEstimator:
         return self._motion(self._history.update())
 
     def delays(self) -> dict[str, tuple[float, float]]:
-        """Return the estimated delay of each fix and its standard deviation [s]."""
+        """Return the estimated delay of each fix, and its standard deviation [s]."""
         mean, covariance = self._history.update().state
         delays = {}
         for name, channel in self.channels.items():
@@ -217,7 +217,7 @@ class DisturbanceEstimator:
     def _correct(
         self, step: Step, measurement: Measurement
     ) -> rail_pose_model.FilterState:
-        """Return the state of a step after the update with a measurement."""
+        """Return the state of a step after correction with a measurement."""
         state = step.state
         channel = self.channels[measurement.sensor]
         if measurement.level != OUTLIER:
@@ -250,7 +250,7 @@ class DisturbanceEstimator:
         return state
 
     def _start(self, group: list[Channel]) -> None:
-        """Start the axes of a group of sensors once enough measurements have arrived."""
+        """Start the axes of a sensor group after sufficient measurements."""
         ready = [one for one in group if one.first.suffice(self._now)]
         begin = min(one.first.begin for one in group)
         is_waiting = len(ready) < len(group) and self._now - begin < start.LONGEST_START
@@ -281,7 +281,7 @@ class DisturbanceEstimator:
     def _place_before_wall(
         self, state: rail_pose_model.FilterState, ready: Sequence[Channel]
     ) -> None:
-        """Set y and yaw of a state, and the distance of the wall, from the distance sensors."""
+        """Set y, yaw and the wall distance of a state from the distance sensors."""
         middle = self._middle[X].lever
         mountings = np.subtract([one.sensor.lever for one in ready], middle)
         values = [one.first.densest() for one in ready]
@@ -299,7 +299,7 @@ class DisturbanceEstimator:
         sensor: rail_pose_model.WallSensor,
         value: float,
     ) -> None:
-        """Set the axis of a state that a sensor measures, to explain a value [m or rad]."""
+        """Set the axis that a sensor measures, so that the state explains a value [m or rad]."""
         if isinstance(sensor, rail_pose_model.FeatureSensor) and not sensor.feature:
             # the rail is at 0, and the feature is where the sensor sees it
             state.mean[X] += self._middle[X].shift(state.mean, 0.0)
@@ -307,7 +307,7 @@ class DisturbanceEstimator:
         state.mean[sensor.axes[0]] += sensor.shift(state.mean, value)
 
     def _give_up_lost_axes(self) -> None:
-        """Restart axes without a measurement, or without an accepted one, for too long."""
+        """Restart each axis that had no accepted measurement for too long."""
         variances = self._history.update().state.covariance.diagonal().tolist()
         if not min(variances) >= 0.0:
             self._reset('the filter has diverged')
@@ -329,7 +329,7 @@ class DisturbanceEstimator:
 
     def _is_locked_out(self, axis: int) -> bool:
         """
-        Return whether all measurements of an axis have been rejected for `LOST` [s].
+        Return whether all measurements of an axis were rejected for `LOST` [s].
 
         A silence does not count: the variance then grows up to `GIVEN_UP`.
         """
@@ -340,7 +340,7 @@ class DisturbanceEstimator:
         )
 
     def _motion(self, step: Step) -> RailMotion:
-        """Return the motion of the rail's middle [m, rad, s]."""
+        """Return the motion of the rail's midpoint [m, rad, s]."""
         mean, covariance = step.state
         values = mean.tolist()
         by_state = np.zeros((6, len(mean)))  # derivatives of pose and twist

@@ -1,5 +1,5 @@
 """
-Model of the filter: state vector, motion between two inputs of the IMU, and measurements.
+Model of the filter: state vector, motion between IMU inputs, and measurements.
 
 The state is that of the IMU: position and velocity along the axes of `facade`, yaw ψ, acceleration
 a along the axes of the rail, yaw rate, tilts θ about the rail's x and y, biases of gyroscopes and
@@ -54,14 +54,14 @@ ImuInput = tuple[float, ...] | None
 
 
 class FilterState(NamedTuple):
-    """Mean and covariance of the state vector."""
+    """Mean and covariance of the filter's state vector."""
 
     mean: np.ndarray
     covariance: np.ndarray
 
 
 class SensorState(NamedTuple):
-    """Standard deviation of a state of a sensor, and the correlation length [m] and time [s]."""
+    """State of a sensor: standard deviation, correlation length [m] and correlation time [s]."""
 
     deviation: float
     length: float = math.inf
@@ -76,7 +76,7 @@ def update(
     share: float = 1.0,
 ) -> FilterState:
     """
-    Return the state after a scalar measurement.
+    Return the state after correction with a scalar measurement.
 
     `cross` is P Hᵀ, the covariance of state and measurement; `variance` is H P Hᵀ + R. The
     covariance is reduced by a share of what independent measurements would allow.
@@ -88,7 +88,7 @@ def update(
 
 class Process:
     """
-    Motion of the state vector for one IMU and one set of sensors.
+    Process model of the state vector for one IMU and one set of sensors.
 
     In addition to the motion, states decay over time and distance, and process noise keeps their
     variances (Gauss-Markov processes). Accelerations and tilts decay only without an IMU.
@@ -158,11 +158,11 @@ class Process:
         )
 
     def initial_state(self) -> FilterState:
-        """Return the state before the first measurement."""
+        """Return the initial state, before any measurement."""
         return FilterState(np.zeros(len(self._variances)), np.diag(self._variances))
 
     def forget(self, state: FilterState, axes: Sequence[int]) -> FilterState:
-        """Return a state without knowledge of the given axes and their velocities."""
+        """Return a state in which the given axes and their velocities are unknown."""
         kept = np.ones(len(self._variances))
         kept[[*axes, *(RATES[axis] for axis in axes)]] = 0.0
         covariance = np.outer(kept, kept) * state.covariance
@@ -170,7 +170,7 @@ class Process:
         return FilterState(kept * state.mean, covariance + fresh)
 
     def propagate(self, state: FilterState, imu: ImuInput, step: float) -> FilterState:
-        """Return the state after a step [s] with the input of the IMU, if any."""
+        """Return the state after a step [s] with the IMU input, if any."""
         mean, transition, noise = self.move(state.mean, imu, step)
         # dot() takes two thirds of the time of @.
         covariance: np.ndarray = transition.dot(state.covariance).dot(transition.T)
@@ -181,7 +181,7 @@ class Process:
     def move(
         self, before: np.ndarray, imu: ImuInput, step: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return mean, transition matrix and variances of the process noise after a step [s]."""
+        """Return mean, transition matrix and process noise variances after a step [s]."""
         x, y, yaw, vx, vy, ax, ay, wz, tilt_x, tilt_y, *biases = before[
             :SENSORS
         ].tolist()
@@ -242,7 +242,7 @@ def _set_imu_derivatives(
     sine: float,
     fz: float,
 ) -> None:
-    """Set the derivatives for biases and tilts in a transition matrix of an IMU step [s]."""
+    """Set the derivatives for biases and tilts in the transition matrix of a step [s]."""
     transition[YAW, GYROSCOPE_Z] = -step
 
     # v + R(ψ) a step: cosine and sine include the step
@@ -275,7 +275,7 @@ def _set_imu_derivatives(
 @dataclass
 class WallSensor(ABC):
     """
-    Sensor that measures one number of its pose in front of the wall.
+    Sensor that measures one scalar, which depends on the sensor's pose relative to the wall.
 
     A sensor may add states: the error of the measured place, then that of its delay.
     """
@@ -291,13 +291,13 @@ class WallSensor(ABC):
 
     @abstractmethod
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
-        """Return the measurement and its derivatives at a pose of the sensor [m, m, rad]."""
+        """Return the measurement and its derivatives for a sensor pose [m, m, rad]."""
 
     def expect(
         self, mean: Sequence[float], time_offset: float
     ) -> tuple[float, np.ndarray]:
         """
-        Return the expected measurement [m or rad], and its Jacobian by the whole state.
+        Return the expected measurement [m or rad] and its Jacobian for the whole state.
 
         The measurement is `time_offset` after the state [s], or before it if negative: the rail
         moves with constant velocity and yaw rate in between. The caller has subtracted the known
@@ -334,13 +334,13 @@ class WallSensor(ABC):
         return expected + place_error, jacobian
 
     def shift(self, mean: np.ndarray, value: float) -> float:
-        """Return the change of the measured axis [m or rad] that explains a measurement."""
+        """Return by how much the measured axis must change to explain a measurement [m or rad]."""
         expected, jacobian = self.expect(mean.tolist(), 0.0)
         return (value - expected) / float(jacobian[self.axes[0]])
 
 
 class DistanceSensor(WallSensor):
-    """Sensor of the distance D of the wall along the rail's y [m]."""
+    """Sensor of the wall distance D along the rail's y [m]."""
 
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
         """Return (D − y) / cos ψ [m] and its derivatives."""
@@ -351,7 +351,7 @@ class DistanceSensor(WallSensor):
 
 @dataclass
 class FeatureSensor(WallSensor):
-    """Sensor of the place of a feature F of the wall along the rail's x."""
+    """Sensor of the position of a wall feature F along the rail's x."""
 
     feature: float = 0.0  #: place of the feature on the wall [m]; 0 is unknown
 
@@ -366,7 +366,7 @@ class FeatureSensor(WallSensor):
 
 
 class PoseSensor(WallSensor):
-    """Sensor of one axis of the pose of the rail's middle."""
+    """Sensor of one axis of the pose of the rail's midpoint."""
 
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
         """Return the rail's x, y [m] or yaw [rad] and its derivatives."""
@@ -384,7 +384,7 @@ def lever(imu: ImuSettings, mounting: Sequence[float]) -> list[float]:
 def pose_sensors(
     name: str, noises: Sequence[float], delay: float, imu: ImuSettings
 ) -> list[WallSensor]:
-    """Return the sensors of the rail's middle: x, y, yaw; noises [m, m, rad], delay [s]."""
+    """Return the sensors of x, y and yaw of the rail's midpoint; noises [m, m, rad], delay [s]."""
     place = lever(imu, (0.0, 0.0, 0.0))
     sensors: list[WallSensor] = []
     for axis, noise in enumerate(noises):
@@ -400,7 +400,7 @@ PLACE_LENGTH = 0.02  # m, correlation length of the errors of places on the wall
 
 
 def make_sensors(setup: EstimatorSetup) -> list[WallSensor]:
-    """Return the sensors of the wall, each with the index of its states."""
+    """Return all wall sensors, each with the indices of its states."""
     sensors: list[WallSensor] = []
     first = SENSORS  # index of the next sensor's first state
     for name, one in setup.distances.items():

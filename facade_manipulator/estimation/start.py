@@ -1,4 +1,4 @@
-"""Start of the filter: the rail's pose from first measurements with up to half outliers."""
+"""Start of the filter: compute the rail's pose from measurements with up to 50 % outliers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LONGEST_START = 1.0  # s, maximum wait for further sensors of the same axes
 
 
 class FirstMeasurements:
-    """Newest measurements of one sensor before its axes have started."""
+    """Newest measurements of one sensor while its axes have not started."""
 
     START_TIME = 0.3  # s, duration of the measurements that start an axis
     FEWEST_MEASUREMENTS = 4  # minimum number of measurements of a sensor
@@ -38,7 +38,7 @@ class FirstMeasurements:
             self._items.popleft()
 
     def suffice(self, now: float) -> bool:
-        """Return whether enough measurements, including recent ones, exist at a time [s]."""
+        """Return whether the measurements are sufficient in number and age at a time [s]."""
         if len(self._items) < self.FEWEST_MEASUREMENTS:
             return False
         newest, _ = self._items[-1]
@@ -72,7 +72,7 @@ def start_at_wall(
     levels: Sequence[float],
 ) -> tuple[float, float, float]:
     """
-    Return distance of the wall, y and yaw of the rail [m, m, rad] for the likeliest levels.
+    Return wall distance, y and yaw of the rail [m, m, rad] for the most likely levels.
 
     A level is the offset of a part of the wall, such as a recess; each sensor may see another.
     Each combination of levels gives a line through the measured points of the wall. The likeliest

@@ -1,5 +1,5 @@
 """
-One sensor of the wall: assign each measurement to a level of the wall, or reject it.
+Assignment of each measurement of a wall sensor to a level of the wall, or its rejection.
 
 Beyond an edge, such as that of a mullion, all measurements of a sensor have the same offset.
 An outlier gate without levels would either follow the offset or reject the sensor.
@@ -28,7 +28,7 @@ OUTLIER = math.inf
 @dataclass
 class Level:
     """
-    Surface, such as a recess or a mullion, at an offset [m] behind the wall.
+    Surface at an offset [m] behind the wall plane, such as a recess or a mullion.
 
     The offset of a found level contains the error of the state at that time. Therefore its
     measurements reduce the variance of the state at most to that of the offset.
@@ -39,7 +39,7 @@ class Level:
 
     def correct(self, rest: float, known: float, noise: float) -> None:
         """
-        Correct the offset with a measurement if the state is known much better.
+        Correct the offset with a measurement, if the filter state is known much better.
 
         The rest is the measurement less its expectation at this level [m]. The variances are
         those of the expectation and of the measurement [m²].
@@ -51,7 +51,7 @@ class Level:
 
 
 class Channel:
-    """Sensor of the wall: its levels, which the distance sensors share, and its statistics."""
+    """Wall sensor: its levels, which the distance sensors share, and its statistics."""
 
     GATE = 4.0  # standard deviations: rejects 1 of 16 000 good measurements
     COASTING_GATE = 10.0  # without an IMU, because only an IMU shows a push
@@ -83,7 +83,7 @@ class Channel:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all measurements of the sensor."""
+        """Discard all measurements of the sensor."""
         self.first = FirstMeasurements()  # until the axes have started
         self.stamp = -math.inf  #: of the newest measurement [s]
         #: of the newest measurement that belonged to a level [s]
@@ -123,7 +123,7 @@ class Channel:
         is_coasting: bool,
     ) -> str:
         """
-        Assign a measurement to a level of the wall, and return the event, if any.
+        Assign a measurement to a level of the wall; return an event, if any.
 
         The residual and its standard deviation are in m or rad.
         Outliers that agree for a quarter of a second become a new level if they are far from all
@@ -175,7 +175,7 @@ class Channel:
         return f'new level at {1e3 * agreed:+.1f} mm'
 
     def _nearest_level(self, residual: float, deviation: float) -> Level:
-        """Return the level nearest to a residual, with preference for configured levels."""
+        """Return the level nearest to a residual; prefer configured levels."""
 
         def cost(level: Level) -> float:
             handicap = self.PREFERENCE * deviation if level.variance else 0.0
@@ -185,7 +185,7 @@ class Channel:
 
     def _return_event(self, stamp: float, level: Level, known: float) -> str:
         """
-        Return the event of the first accepted measurement after an outage, if it is a guess.
+        Return an event for the first measurement after an outage if its level is a guess.
 
         It is a guess if the expectation, of the given variance [m²], leaves room for an unknown
         level, and if the level makes it more certain.
@@ -200,19 +200,19 @@ class Channel:
         )
 
     def accept(self, stamp: float) -> None:
-        """Record that a measurement belongs to a level or starts an axis, at a stamp [s]."""
+        """Record that a measurement is assigned to a level or starts an axis, at a stamp [s]."""
         self.fitted = stamp
         self.rejected_for = 0.0
 
     def _add_level(self, level: Level) -> None:
-        """Add a found level; the oldest one makes room for it."""
+        """Add a new level; remove the oldest found level if there are too many."""
         self.levels.append(level)
         if len(self.levels) > self.MOST:
             found = [one for one in self.levels if one.variance > 0.0]
             self.levels.remove(found[0])
 
     def _agreed_residual(self) -> float | None:
-        """Return the residual shared by nearly all recent measurements; None if they differ."""
+        """Return the residual common to nearly all recent measurements; None if they disagree."""
         stamps, residuals = np.transpose(self._recent)
         if len(stamps) < self.FEWEST_AGREEING or np.ptp(stamps) < 0.8 * self.LEVEL_SPAN:
             return None
@@ -228,5 +228,5 @@ MEAN_WEIGHT = 0.02
 
 
 def _mean(mean: float, value: float) -> float:
-    """Return the running mean after a value; the first value replaces a mean of NaN."""
+    """Return the running mean updated with a value; a mean of NaN is replaced by the value."""
     return mean + MEAN_WEIGHT * (value - mean) if math.isfinite(mean) else value
