@@ -1,6 +1,7 @@
 """Parameters of the nodes: described, read-only unless marked live, unknown names rejected."""
 
 from contextlib import nullcontext
+import math
 from pathlib import Path
 import re
 
@@ -279,6 +280,18 @@ def test_live_contact_force_and_arrival_reach_the_compensator(ros):
     assert [result.reason for result in results] == [''] * len(changes)
     assert node._compensator.contact.pressing.settings.force == 20.0
     assert node._goals.settings.distance == 0.01
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_each_live_number_is_checked_in_its_node(ros, name):
+    """A live parameter without `accept_changes` would be accepted, and would change nothing."""
+    options = [LoopThread] if name == 'driver' else []
+    node = ros.add(NODES[name](*options))
+    for parameter in node.list_parameters([], 0).names:
+        is_number = isinstance(node.get_parameter(parameter).value, float)
+        if is_number and not node.describe_parameter(parameter).read_only:
+            (result,) = node.set_parameters([Parameter(parameter, value=math.nan)])
+            assert not result.successful, parameter
 
 
 @pytest.mark.parametrize('name', ['distances', 'fixes', 'poses', 'wall.levels'])
