@@ -137,7 +137,8 @@ class WorkspaceLimit:
         if not usable:
             raise ParameterError(
                 f'geometry rejected: it leaves no workspace in y, from {nearest:.4g} m to '
-                f'{self._reach:.4g} m; next: check link_length, carriage_gap and stroke'
+                f'{self._reach:.4g} m; next: check link_length, carriage_gap, stroke and '
+                'reference.min_conditioning'
             )
         return usable[0], usable[-1]
 

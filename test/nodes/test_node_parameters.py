@@ -180,7 +180,7 @@ def test_former_name_is_rejected_with_the_present_name(
 
 
 def test_pose_is_certified_alike_by_both_nodes(ros):
-    overrides = [Parameter('reference.min_conditioning', value=0.9)]
+    overrides = [Parameter('reference.min_conditioning', value=0.4)]
     compensator, ik_service = (
         ros.add(NODES[name](parameter_overrides=overrides)) for name in PAIR
     )
@@ -285,8 +285,7 @@ def test_live_contact_force_and_arrival_reach_the_compensator(ros):
 @pytest.mark.parametrize('name', NODES)
 def test_each_live_number_is_checked_in_its_node(ros, name):
     """A live parameter without `accept_changes` would be accepted, and would change nothing."""
-    options = [LoopThread] if name == 'driver' else []
-    node = ros.add(NODES[name](*options))
+    node = ros.add(NODES[name]())
     for parameter in node.list_parameters([], 0).names:
         is_number = isinstance(node.get_parameter(parameter).value, float)
         if is_number and not node.describe_parameter(parameter).read_only:
