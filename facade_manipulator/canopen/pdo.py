@@ -23,6 +23,7 @@ from facade_manipulator.canopen.sdo import Write
 
 #: from the index of the communication parameters of a PDO to that of its mapping
 MAPPING_OFFSET = indices.RPDO_MAPPING - indices.RPDO_COMMUNICATION
+MAX_SIZE = 8  # bytes of a frame
 PDO_NAMES = (
     *(f'RPDO{number}' for number in cob_ids.PDO_NUMBERS),
     *(f'TPDO{number}' for number in cob_ids.PDO_NUMBERS),

@@ -331,8 +331,13 @@ def _pdos(data: Any) -> tuple[Pdo, ...]:
     _require_objects('TPDO', content, possible=received, needed=pdo.STATUS_OBJECTS)
     pdos = []
     for name, mapped in content.items():
-        objects = tuple([pdo.KNOWN_OBJECTS[index] for index in mapped])
-        pdos.append(Pdo(name, objects))
+        made = Pdo(name, tuple([pdo.KNOWN_OBJECTS[index] for index in mapped]))
+        size = made.codec.size
+        if size > pdo.MAX_SIZE:
+            raise ValueError(
+                f'{name} has {size} bytes, above the limit of {pdo.MAX_SIZE} of a frame'
+            )
+        pdos.append(made)
     return tuple(pdos)
 
 
@@ -355,7 +360,8 @@ def _require_objects(
 
     unknown = carried - possible
     if unknown:
-        raise ValueError(f'{kind} carries {sorted(unknown)}, not known objects there')
+        indices = ', '.join([f'{index:04X}h' for index in sorted(unknown)])
+        raise ValueError(f'{kind} carries {indices}, not known objects there')
     for index in sorted(needed - carried):
         raise ValueError(
             f'no {kind} carries object {index:04X}, which every drive needs'

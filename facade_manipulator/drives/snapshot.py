@@ -113,8 +113,8 @@ class CycleStatistics:
     incomplete: int = (
         0  #: cycles in which a drive's answer had not come before the step
     )
-    #: cycles whose commands came later than `cycle.COMMANDS_DUE`; when the kernel sends SYNC they
-    #: targets were not sent, and the drives held one point
+    #: cycles whose commands came later than `cycle.COMMANDS_DUE`; if the kernel sends SYNC, their
+    #: targets were not sent, and the drives held the targets before
     late: int = 0
     skipped: int = 0  #: periods that passed without a SYNC
     worst: float = 0.0  #: longest time from SYNC to the step [s]
