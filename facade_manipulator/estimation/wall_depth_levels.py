@@ -94,7 +94,7 @@ class Channel:
         self._recent: deque[tuple[float, float]] = deque()
 
     def receive(self, now: float, stamp: float, value: float) -> float:
-        """Return the time of measurement [s]; raise an InputError for a bad value or stamp."""
+        """Return the time of measurement [s]; raise an InputError if it is invalid."""
         sensor = self.sensor
         if not math.isfinite(value):
             raise InputError.not_finite(sensor.name, value)

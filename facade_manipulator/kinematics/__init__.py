@@ -1,5 +1,5 @@
 """
-Kinematics of the mechanism: poses, carriages, certification, Jacobian, arrays, URDF.
+Kinematics of the mechanism: poses, carriages, certification, Jacobian, arrays and URDF.
 
 SI units and radians. Frame `rail`: x along the rail, y out towards the façade, θ about z. The
 carriages A1, A3, A2 are on y = 0 in that order; q3 = x. Functions of a `Geometry` describe the

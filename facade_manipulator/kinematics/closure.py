@@ -1,5 +1,5 @@
 """
-Closure of both links: the pose of the platform for three carriage positions, on `math`.
+Closure of both links: compute the platform pose from three carriage positions.
 
 It reduces to a cubic in c = cos θ, which is not in the paper. With D = q2 − q1,
 S = q1 + q2 − 2 q3, e = S²/4 and K0 = l² − b² − D²/4::
@@ -40,7 +40,7 @@ POLISHED = 1e-8
 
 def assemble(sides: Sides, left: float, right: float) -> tuple[float, float]:
     """
-    Return y and θ on the machine's branch [m, rad]: A1 before A2, y > 0, N > 0.
+    Return y and θ [m, rad] on the machine's branch: A1 before A2, y > 0, N > 0.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def platforms(
     length: float, half: float, left: float, right: float
 ) -> list[tuple[float, float]]:
     """
-    Return y and θ of all platforms in front of the rail [m, rad], for equal sides.
+    Return y and θ [m, rad] of all platforms in front of the rail, for equal sides.
 
     Any working mode is possible.
     """
@@ -147,7 +147,7 @@ def _close(
 
 
 def _sine(half: float, left: float, right: float, y: float, cosine: float) -> float:
-    """Return sin θ = S (2 b c − D)/(4 b y) for lengths [m] and c = cos θ."""
+    """Return sin θ = S (2 b c − D)/(4 b y) with c = cos θ; lengths in m."""
     return (left + right) * (2.0 * half * cosine - right + left) / (4.0 * half * y)
 
 
@@ -155,7 +155,7 @@ def _newton_step(
     sides: Sides, left: float, right: float, y: float, sine: float, cosine: float
 ) -> tuple[float, float]:
     """
-    Return one Newton step (Δy, Δθ) on s_i² + u_i² = l_i² of both links [m, rad].
+    Return a Newton step (Δy, Δθ) [m, rad] for the equations s_i² + u_i² = l_i² of both links.
 
     Raises a SingularityError if N is exactly 0 there.
     """
@@ -183,7 +183,7 @@ def _newton_step(
 def _polish(
     sides: Sides, left: float, right: float, y: float, theta: float
 ) -> tuple[float, float]:
-    """Return y and θ after Newton steps that are repeated while they shrink [m, rad]."""
+    """Return y and θ [m, rad] after Newton steps, repeated while they become smaller."""
     last = 1.0
     while True:
         dy, dtheta = _newton_step(sides, left, right, y, sin(theta), cos(theta))
@@ -202,7 +202,7 @@ def require_branch(
     sides: Sides, left: float, right: float, y: float, theta: float
 ) -> None:
     """
-    Require that a platform at y and θ closes the links on the machine's branch.
+    Require that the links close on the machine's branch for a platform at y and θ.
 
     Its inverse kinematics must be left and right, the positions of A1 and A2 from A3; y and they
     in m, θ in rad. Raises an UnreachableError or a SingularityError.
@@ -223,12 +223,12 @@ def require_branch(
 
 
 def _branch_error() -> UnreachableError:
-    """Return the error of carriages whose platform is only on another branch."""
+    """Return the error for carriages whose platform is on another branch only."""
     return UnreachableError('assembly modes on the branch', 0, 1, '', 'below')
 
 
 def require_regular(number: float) -> None:
-    """Raise a SingularityError unless N [m²] is above 0, as on the machine's branch."""
+    """Raise a SingularityError unless N [m²] is positive, as on the machine's branch."""
     if number <= 0.0:
         raise SingularityError(
             'N', number, 0.0, 'm2', 'at or beyond the parallel singularity, not above'
@@ -241,7 +241,7 @@ ITERATIONS = 100
 
 
 def _least_root(f0: float, f1: float, f2: float, f3: float) -> float:
-    """Return the smallest root u of f0 − f1 u + f2 u² − f3 u³: it has the branch with N > 0."""
+    """Return the smallest root u of f0 − f1 u + f2 u² − f3 u³, which is on the branch N > 0."""
     slope = f1
     u = 0.0
     square = f1 * f1 - 4.0 * f0 * f2
@@ -276,7 +276,7 @@ def _least_root(f0: float, f1: float, f2: float, f3: float) -> float:
 
 def _working_mode_error(projection1: float, projection2: float) -> UnreachableError:
     """
-    Return the error of links whose projections [m] are not both above 0.
+    Return the error for links whose projections [m] are not both positive.
 
     It names the lesser projection, which is that of the carriage farther beyond its joint B.
     """

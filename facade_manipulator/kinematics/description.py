@@ -1,5 +1,5 @@
 """
-Description of the mechanism for other programs: joint points, a tree of joints, and its URDF.
+Description of the mechanism for other programs: joint points, joint tree and URDF.
 
 A URDF has no closed loops, so the tree is cut where the two links meet the platform. `positions`
 closes the loops there with the kinematics of the calibrated machine. The URDF is for display: it
@@ -36,7 +36,7 @@ class JointPoints(NamedTuple):
 
 
 class TreeJoint(NamedTuple):
-    """Joint of the tree: the pose of its child in its parent, and the axis of its motion."""
+    """Joint of the tree: pose of its child in the parent frame, and motion axis."""
 
     name: str  #: '' for a fixed joint
     parent: str
@@ -46,7 +46,7 @@ class TreeJoint(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Visible part of a link of the URDF."""
+    """Visible box of a URDF link."""
 
     link: str
     size: tuple[float, float, float]  #: [m]
@@ -56,7 +56,7 @@ class Box(NamedTuple):
 
 def joints(geometry: Geometry, pose: Pose) -> JointPoints:
     """
-    Return the joints of the drawing's mechanism at a pose [m, m, rad].
+    Return the joints of the nominal mechanism at a pose [m, m, rad].
 
     Raises
     ------
@@ -68,7 +68,7 @@ def joints(geometry: Geometry, pose: Pose) -> JointPoints:
 
 
 def _joints(mechanism: Mechanism, head: Pose) -> JointPoints:
-    """Return the joints at a pose of the head [m, m, rad]; B1, B2 = P ∓ b (c, s)."""
+    """Return the joints at a pose of the head [m, m, rad], with B1, B2 = P ∓ b (c, s)."""
     platform = mechanism.platform(head)
     q1, q2, q3 = mechanism.on_rail(mechanism.inverse_kinematics(head))
     _, _, half1, half2 = mechanism.sides
@@ -85,7 +85,7 @@ def _joints(mechanism: Mechanism, head: Pose) -> JointPoints:
 
 
 def tree(geometry: Geometry) -> tuple[TreeJoint, ...]:
-    """Return the joints from the rail to the end effector and to the ends of the links."""
+    """Return the joints from the rail to the end effector and to both link ends."""
     along = Pose(0.0, 0.0, geometry.rail_angle)
     tool = Pose(*geometry.tool)
     return (
@@ -102,7 +102,7 @@ def tree(geometry: Geometry) -> tuple[TreeJoint, ...]:
 
 def positions(mechanism: Mechanism, head: Pose) -> tuple[float, ...]:
     """
-    Return the positions of the moving joints of `tree` at a pose of the head [m or rad].
+    Return the positions [m or rad] of the moving joints of `tree` for a pose of the head.
 
     The positions of the carriages are those on the real rail, offsets included.
 
@@ -123,7 +123,7 @@ COLOURS = {'dark': '0.35 0.35 0.35 1', 'grey': '0.6 0.6 0.6 1', 'blue': '0 0.45 
 
 
 def urdf(geometry: Geometry, prefix: str = '') -> str:
-    """Return the URDF of a geometry; the prefix precedes the names of the links, as in TF."""
+    """Return the URDF of a geometry; a prefix precedes the link names, as in TF."""
     robot = Element('robot', name='facade_manipulator')
     for name, colour in COLOURS.items():
         material = SubElement(robot, 'material', name=name)
@@ -156,7 +156,7 @@ AXIS_VECTORS = {'x': '1 0 0', 'y': '0 1 0', 'z': '0 0 1'}
 def _add_joint(
     robot: Element, joint: TreeJoint, prefix: str, bounds: tuple[float, float] | None
 ) -> None:
-    """Add a joint, with its minimum and maximum position [m] if it is prismatic."""
+    """Add a joint; add minimum and maximum position [m] if the joint is prismatic."""
     kind = 'fixed'
     if bounds:
         kind = 'prismatic'

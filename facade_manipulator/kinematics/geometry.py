@@ -1,4 +1,4 @@
-"""Poses, carriages and wrenches, and the lengths of the mechanism."""
+"""Poses, carriages and wrenches, and the dimensions of the mechanism."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Twist(NamedTuple):
 
 
 class Carriages(NamedTuple):
-    """Positions of the carriages along the rail [m], whose order on the rail is A1, A3, A2."""
+    """Positions of the carriages along the rail [m]; their order on the rail is A1, A3, A2."""
 
     q1: float
     q2: float
@@ -39,7 +39,7 @@ class Carriages(NamedTuple):
 
 
 class Wrench(NamedTuple):
-    """Forces along x and y [N] and moment about z [N m]; users state the body that they act on."""
+    """Forces along x and y [N] and moment about z [N m]; users state the loaded body."""
 
     fx: float
     fy: float
@@ -56,7 +56,7 @@ GRAVITY = 9.81  # m/s²
 
 
 def _error(default: tuple[float, ...], description: str, **info: Any) -> Any:
-    """Declare a parameter for lengths by which the machine differs from its drawing [m]."""
+    """Declare a parameter for differences of lengths between machine and drawing [m]."""
     return parameter(
         description, default=default, unit='m', minimum=-0.05, maximum=0.05, **info
     )
@@ -65,7 +65,7 @@ def _error(default: tuple[float, ...], description: str, **info: Any) -> Any:
 @settings
 class Geometry:
     """
-    Lengths of the mechanism and of its rail.
+    Dimensions of the mechanism and of its rail.
 
     Notes
     -----
@@ -163,17 +163,17 @@ class Geometry:
 
     @property
     def stroke_length(self) -> float:
-        """Return the length Q = q_max − q_min of the stroke [m]."""
+        """Return the stroke length Q = q_max − q_min [m]."""
         return self.stroke[1] - self.stroke[0]
 
     @property
     def link_lengths(self) -> tuple[float, ...]:
-        """Return the manufactured lengths of the links on the sides of A1 and A2 [m]."""
+        """Return the manufactured link lengths on the sides of A1 and A2 [m]."""
         return tuple(self.link_length + error for error in self.link_errors)
 
     @property
     def half_lengths(self) -> tuple[float, ...]:
-        """Return the manufactured distances from P to the platform's joints B1 and B2 [m]."""
+        """Return the manufactured distances from P to the platform joints B1 and B2 [m]."""
         return tuple(
             self.platform_half_length + error for error in self.platform_errors
         )
@@ -187,7 +187,7 @@ class Geometry:
 
     @cached_property
     def drawn(self) -> Mechanism:
-        """Return the mechanism of the drawing, without errors; the geometry keeps it."""
+        """Return the nominal mechanism, without errors; the geometry caches it."""
         from facade_manipulator.kinematics.mechanism import Mechanism
 
         return Mechanism(
@@ -202,7 +202,7 @@ class Geometry:
 
 
 def not_finite_error(values: Pose | Carriages) -> ParameterError:
-    """Return the error that names the first of `values` that is not a finite number."""
+    """Return the error for the first of `values` that is not finite."""
     for name, value in zip(values._fields, values, strict=True):
         if not math.isfinite(value):
             return ParameterError(

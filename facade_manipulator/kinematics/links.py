@@ -1,5 +1,5 @@
 """
-Formulas of both links at a pose of the platform, with the lengths l1, l2, b1, b2 of each side.
+Formulas of both links for a platform pose; each side has its own lengths l1, b1 or l2, b2.
 
 B1 and B2 are the joints between platform and links. Their distances u1 and u2 from the rail, along
 y, and the projections s1 and s2 of the links on the rail, along x, are
@@ -60,7 +60,7 @@ def links(
     root: Callable[[Any], Any] = sqrt,
 ) -> AnyLinks[Number]:
     """
-    Return s, c, u1, u2, s1 and s2 of a pose of the platform.
+    Return s, c, u1, u2, s1 and s2 for a platform pose.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def x_interval(
     projection1: Number,
     projection2: Number,
 ) -> tuple[Number, Number]:
-    """Return the x at which A1 is at the minimum and A2 at the maximum of the stroke [m]."""
+    """Return the x [m] with A1 at the minimum of the stroke, and the x with A2 at the maximum."""
     _, _, half1, half2 = sides
     minimum, maximum = stroke
     lower = minimum + half1 * cosine - projection1
@@ -103,7 +103,7 @@ def branch_number(
     at: AnyLinks[Number], half1: float = 1.0, half2: float = 1.0
 ) -> Number:
     """
-    Return N [m²] of `parallel_singularity`; only the ratio of the platform's halves matters.
+    Return N [m²] of `parallel_singularity`, which needs only the ratio of both halves.
 
     N = (b2 u1 e2 + b1 u2 e1)/b.
     """

@@ -1,5 +1,5 @@
 """
-Maps over (y, θ): the workspace of the head and its conditioning.
+Maps over (y, θ): workspace of the head and conditioning.
 
 At fixed (y, θ) the reachable x form exactly one interval, and the conditioning index does not
 depend on x. A map over (y, θ) with the ends of the intervals therefore describes the whole
@@ -29,7 +29,7 @@ Arrays = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.nd
 
 class PoseMap(NamedTuple):
     """
-    Workspace over (y, θ); each field has the broadcast shape.
+    Map of the workspace over (y, θ); each field has the broadcast shape.
 
     ``lower`` and ``upper`` are the ends of the reachable x [m], NaN if reach, order, gap or stroke
     leave none. ``conditioning`` is the local conditioning index and ``number`` the N of the
@@ -43,12 +43,12 @@ class PoseMap(NamedTuple):
 
     @property
     def width(self) -> np.ndarray:
-        """Return the length of the interval of reachable x [m], 0 if it is empty."""
+        """Return the length of the reachable x-interval [m]; 0 if it is empty."""
         return np.nan_to_num(self.upper - self.lower)
 
 
 def link_arrays(geometry: Geometry, y: ArrayLike, theta: ArrayLike) -> Arrays:
-    """Return the terms of `kinematics.links` as arrays, NaN beyond reach [m]."""
+    """Return the terms of `kinematics.links` as arrays [m]; NaN if out of reach."""
     y, theta = np.atleast_1d(y, theta)  # arrays that may be written to
     return links(geometry.drawn.sides, y, theta, np.sin, np.cos, _root_or_nan)
 
@@ -61,7 +61,7 @@ def x_intervals(
     geometry: Geometry, y: ArrayLike, theta: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the ends (lower, upper) of the reachable x [m] from reach, order, gap and stroke.
+    Return the ends (lower, upper) of reachable x [m] from reach, order, gap and stroke.
 
     The ends are NaN if the interval is empty. Poses beyond N = 0 are included; `pose_map` returns
     N.
@@ -76,7 +76,7 @@ def pose_map(
     characteristic_length: float = 1.0,
 ) -> PoseMap:
     """
-    Return the intervals, conditioning index and N of every (y, θ) in one `PoseMap`.
+    Return the `PoseMap` with intervals, conditioning index and N for every (y, θ).
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def pose_map(
 
 
 def intervals_of(geometry: Geometry, at: Arrays) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ends of the reachable x [m] from the links of every pose, as in `x_intervals`."""
+    """Return the ends of the reachable x-interval [m], as `x_intervals`, from given link terms."""
     _, cosine, _, _, s1, s2 = at
     lower, upper = x_interval(geometry.drawn.sides, geometry.stroke, cosine, s1, s2)
     distance = geometry.platform_half_length * cosine - np.maximum(s1, s2)
@@ -114,7 +114,7 @@ def intervals_of(geometry: Geometry, at: Arrays) -> tuple[np.ndarray, np.ndarray
 
 
 def number_at(geometry: Geometry, y: ArrayLike, theta: ArrayLike) -> np.ndarray:
-    """Return N [m²] at every y and θ ≥ 0, the far edge included."""
+    """Return N [m²] for every y and θ ≥ 0, including the far edge."""
     sides = geometry.drawn.sides
     y = np.asarray(y)
     theta = np.asarray(theta)
@@ -128,6 +128,6 @@ def _root_or_zero(square: np.ndarray) -> np.ndarray:
 def index_of(
     geometry: Geometry, at: Arrays, characteristic_length: float
 ) -> np.ndarray:
-    """Return the local conditioning index of every pose for a characteristic length [m]."""
+    """Return the local conditioning index of every pose, for a characteristic length [m]."""
     ratio = geometry.platform_half_length / characteristic_length
     return np.sqrt(squared_index(at, ratio, ratio))

@@ -1,5 +1,5 @@
 """
-Kinematics of the mechanism with its calibration errors, which default to zero.
+Kinematics of the mechanism with calibration errors, which are zero by default.
 
 Poses are those of the head in frame `rail`; carriages are positions of the drives. The real rail
 may be rotated in frame `rail`, and each carriage may have an offset to its drive. Both links and
@@ -66,7 +66,7 @@ _Rows = tuple[float, float, float, float, float, float, float, float, float]
 
 
 def _empty(shape: tuple[int, int]) -> np.ndarray:
-    """Return an array; the first call replaces this function by that of numpy."""
+    """Return an empty array; the first call replaces this function with numpy's."""
     global _empty
     from numpy import empty as _empty
 
@@ -75,7 +75,7 @@ def _empty(shape: tuple[int, int]) -> np.ndarray:
 
 class Mechanism:
     """
-    Kinematics of a machine, which never changes; `Geometry.drawn` is that without errors.
+    Immutable kinematics of a machine; `Geometry.drawn` is the kinematics without errors.
 
     The nodes use it for each setpoint and each measured position, the driver for targets and
     measured positions near a limit (`MechanismCheck`).
@@ -97,26 +97,26 @@ class Mechanism:
         self._is_aligned = not any((*self._rail, *self._tool, *self._offsets))
 
     def platform(self, head: Pose) -> Pose:
-        """Return the pose of the platform on the real rail [m, m, rad]."""
+        """Convert a head pose in frame `rail` to a platform pose on the real rail [m, m, rad]."""
         if self._is_aligned:
             return head
         return compose(relative(self._rail, head), self._platform_on_tool)
 
     def head(self, platform: Pose) -> Pose:
-        """Return the pose of the head in frame `rail` [m, m, rad]."""
+        """Convert a platform pose on the real rail to a head pose in frame `rail` [m, m, rad]."""
         if self._is_aligned:
             return platform
         return compose(compose(self._rail, platform), self._tool)
 
     def on_rail(self, carriages: tuple[float, float, float]) -> Carriages:
-        """Return the positions of the carriages on the real rail [m]."""
+        """Convert drive positions to carriage positions on the real rail [m]."""
         q1, q2, q3 = carriages
         offset1, offset2, offset3 = self._offsets
         return _new_tuple(Carriages, (q1 + offset1, q2 + offset2, q3 + offset3))
 
     def links(self, pose: Pose) -> Links:
         """
-        Return the terms `kinematics.links` at a pose of the head, with the lengths of each side.
+        Return the terms of `kinematics.links` for a head pose, with the lengths of each side.
 
         Raises the errors of `inverse_kinematics`.
         """
@@ -132,7 +132,7 @@ class Mechanism:
 
     def inverse_kinematics(self, pose: Pose) -> Carriages:
         """
-        Return the carriages of a pose [m] from eqs 7-9, with the lengths of each side.
+        Return the carriage positions for a pose [m] from eqs 7-9, with the lengths of each side.
 
         Raises a ParameterError or an UnreachableError, as `inverse_kinematics` of a geometry.
         """
@@ -151,7 +151,7 @@ class Mechanism:
 
     def forward_kinematics(self, carriages: Carriages) -> Pose:
         """
-        Return the pose of the head on the machine's branch [m, m, rad].
+        Return the head pose on the machine's branch [m, m, rad].
 
         Raises a ParameterError, UnreachableError or SingularityError, as `forward_kinematics` of a
         geometry.
@@ -169,14 +169,14 @@ class Mechanism:
         return platform if self._is_aligned else self.head(platform)
 
     def jacobian(self, pose: Pose) -> np.ndarray:
-        """Return the Jacobian from rates of the head to carriage rates [1, 1, m/rad]."""
+        """Return the Jacobian that maps head rates to carriage rates [1, 1, m/rad]."""
         matrix = _empty((3, 3))
         # a third of the time of np.array() on nested tuples
         _pack_matrix(matrix, 0, *self._rows(pose))
         return matrix
 
     def carriage_velocity(self, pose: Pose, velocity: Twist) -> Carriages:
-        """Return the carriage velocities J·v for a velocity v of the head [m/s]."""
+        """Return the carriage velocities J·v [m/s] for a velocity v of the head."""
         x1, y1, t1, x2, y2, t2, x3, y3, t3 = self._rows(pose)
         vx, vy, omega = velocity
         rate1 = x1 * vx + y1 * vy + t1 * omega
@@ -186,7 +186,7 @@ class Mechanism:
 
     def _rows(self, pose: Pose) -> _Rows:
         """
-        Return the rows of the Jacobian: those of `links`, times the rates of P from the head's.
+        Return the rows of the Jacobian for the head: the platform's rows times the rates of P.
 
         With the angle α of the rail and the vector (tx, ty) from P to the head, along the rail::
 
@@ -219,7 +219,7 @@ class Mechanism:
 
     def end_effector_force(self, pose: Pose, carriage_forces: Carriages) -> Wrench:
         """
-        Return the wrench Jᵀτ on the head from carriage forces τ along the rail [N, N, N m].
+        Return the wrench Jᵀτ on the head [N, N, N m] for carriage forces τ along the rail.
 
         By virtual work, Fᵀ ṗ = τᵀ q̇ for every motion. Friction and weight are neglected.
         """
@@ -227,7 +227,7 @@ class Mechanism:
 
     def carriage_forces(self, pose: Pose, wrench: Wrench) -> Carriages:
         """
-        Return the carriage forces J⁻ᵀF along the rail [N] for a wrench F of the head.
+        Return the carriage forces J⁻ᵀF along the rail [N] for a wrench F on the head.
 
         Raises a SingularityError at an exactly singular pose, otherwise the errors of
         `inverse_kinematics`.
@@ -243,7 +243,7 @@ class Mechanism:
         self, pose: Pose, min_conditioning: float = MIN_CONDITIONING
     ) -> Carriages:
         """
-        Return the carriages of a pose [m] that respects all limits of the machine.
+        Return the carriage positions for a pose [m]; raise an error if it violates a limit.
 
         Parameters
         ----------
@@ -298,7 +298,7 @@ class Mechanism:
 
     def check(self, *path: Carriages) -> None:
         """
-        Require that the links close at each of the carriage positions on the machine's branch.
+        Require that the links close on the machine's branch at every carriage position.
 
         Stroke and gap are also required, conditioning is not. Raises the errors of `certify`.
         """
@@ -311,7 +311,7 @@ class Mechanism:
             require_branch(self.sides, q1 - q3, q2 - q3, y, theta)
 
     def _reach_error(self, head: Pose) -> ManipulatorError:
-        """Return the error for a head that is not finite, or for the link that is too short."""
+        """Return the error for a head pose that is not finite or exceeds the reach of a link."""
         if not all(map(isfinite, head)):
             return not_finite_error(Pose(*head))
         _, y, theta = self.platform(head)
@@ -334,7 +334,7 @@ class Mechanism:
 
     def _require_rail(self, carriages: Carriages) -> None:
         """
-        Require the stroke, then the order A1, A3, A2 with the gap between neighbours (eq. 18).
+        Require the stroke, the order A1, A3, A2, and the gap between neighbours (eq. 18).
 
         The stroke is that of the drives, the gap that on the real rail [m]. Checking the stroke of
         A1 and A2 is sufficient, because A3 is between them. Raises a StrokeLimitError or a
@@ -353,7 +353,7 @@ class Mechanism:
         self._require_gap('q2 - q3', q2 + offset2 - x)
 
     def _require_gap(self, name: str, distance: float) -> None:
-        """Require the carriage gap [m] of two neighbours, and a distance above 0."""
+        """Require that a distance [m] is positive, and not less than the carriage gap."""
         gap = self.geometry.carriage_gap
         if distance < gap or distance <= 0.0:
             problem = 'below' if gap else 'not above'
@@ -362,14 +362,14 @@ class Mechanism:
             )
 
     def _of_drives(self, actual: Carriages) -> Carriages:
-        """Return the drive positions of carriages on the real rail [m]."""
+        """Convert carriage positions on the real rail to drive positions [m]."""
         q1, q2, q3 = actual
         offset1, offset2, offset3 = self._offsets
         return Carriages(q1 - offset1, q2 - offset2, q3 - offset3)
 
 
 def _order_error(carriages: Carriages) -> ManipulatorError:
-    """Return the error that describes carriages in the wrong order or beyond all reach."""
+    """Return the error for carriages in the wrong order or out of reach."""
     q1, q2, q3 = carriages
     if not all(map(isfinite, carriages)):
         return not_finite_error(carriages)

@@ -1,5 +1,5 @@
 """
-Kinematics of the drawing: functions of a `Geometry` that use only l, b, stroke and gap.
+Kinematics of the nominal `Geometry`; it uses only l, b, stroke and gap.
 
 Most call `Geometry.drawn`, the `Mechanism` without calibration errors. The conditioning index
 mixes metres and radians, so it depends on the unit of length. In millimetres, as in the paper, the
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 def links(geometry: Geometry, pose: Pose) -> Links:
     """
-    Return the terms of both links at a pose that the velocity formulas need.
+    Return the terms of both links at a pose, as needed by the velocity formulas.
 
     B1 and B2 are the joints between platform and links. Their distances from the rail, along y,
     are u1 = y − b s and u2 = y + b s [m]. The projections of the links on the rail, along x, are
@@ -50,7 +50,7 @@ def links(geometry: Geometry, pose: Pose) -> Links:
 
 def inverse_kinematics(geometry: Geometry, pose: Pose) -> Carriages:
     """
-    Return the carriage positions of a pose, with both outer carriages within the platform [m].
+    Return the carriage positions for a pose [m]; both outer carriages are within the platform.
 
     Only the reach of the links is checked; `Mechanism.certify` checks all limits.
 
@@ -82,7 +82,7 @@ def inverse_kinematics(geometry: Geometry, pose: Pose) -> Carriages:
 
 def working_modes(geometry: Geometry, pose: Pose) -> tuple[Carriages, ...]:
     """
-    Return the carriages of a pose in the paper's four working modes (eqs 7-9) [m].
+    Return the carriage positions [m] for a pose in the paper's four working modes (eqs 7-9).
 
     The signs of the roots in q1 = x − b cos θ + σ1 s1 and q2 = x + b cos θ + σ2 s2 are in the
     order (+, +), (+, −), (−, +), (−, −). The machine is built for (+, −).
@@ -107,7 +107,7 @@ def working_modes(geometry: Geometry, pose: Pose) -> tuple[Carriages, ...]:
 
 def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
     """
-    Return the pose on the machine's branch [m, m, rad].
+    Return the pose [m, m, rad] on the machine's branch: A1 before A2, y > 0, N > 0.
 
     On this branch q1 < q2, y > 0 (in front of the rail) and N > 0 (`parallel_singularity`).
 
@@ -137,7 +137,7 @@ def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
 
 def assembly_modes(geometry: Geometry, carriages: Carriages) -> tuple[Pose, ...]:
     """
-    Return all poses of the platform for three carriages [m, m, rad], at most four.
+    Return all platform poses [m, m, rad] for three carriage positions, at most four.
 
     Two poses are in front of the rail and two are their mirror images behind it; any working mode
     is possible. Poses are sorted by decreasing cos θ, then by decreasing y. If the machine can
@@ -163,7 +163,7 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> tuple[Pose, ...]
 
 def jacobian(geometry: Geometry, pose: Pose) -> np.ndarray:
     """
-    Return the Jacobian J from platform rates to carriage rates, q' = J (x', y', θ').
+    Return the Jacobian J that maps platform rates to carriage rates: q' = J (x', y', θ').
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def jacobian(geometry: Geometry, pose: Pose) -> np.ndarray:
 
 def parallel_singularity(geometry: Geometry, pose: Pose) -> float:
     """
-    Return N = b s²(q1 − q2) + (q1 + q2 − 2 q3) y s + 2 y² c at a pose [m²].
+    Return N = b s²(q1 − q2) + (q1 + q2 − 2 q3) y s + 2 y² c [m²] at a pose.
 
     N is 0 at a parallel (type 2) singularity, as det B = −4 b N and det J = −b N/(s1 s2). A pose
     with N ≤ 0 is on another assembly branch than the machine's and must not be commanded.
@@ -240,7 +240,7 @@ def local_conditioning_index(
 
 def check_characteristic_length(length: float) -> None:
     """
-    Require a positive characteristic length of the index [m].
+    Require that the characteristic length of the index is positive [m].
 
     Raises a ParameterError for any other value.
     """

@@ -1,4 +1,4 @@
-"""Planar poses as the group SE(2), and states of motion in it, on plain floats."""
+"""Planar poses as elements of SE(2) and their motion states, with plain floats."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ POSE_AXES = (
 
 
 def wrap_angle(theta: float) -> float:
-    """Return an angle wrapped to [−π, π] [rad]."""
+    """Wrap an angle to [−π, π] [rad]."""
     return math.remainder(theta, math.tau)
 
 
 def difference(a: Pose, b: Pose) -> Pose:
-    """Return a − b axis by axis, with θ wrapped [m, m, rad]."""
+    """Return a − b for each axis, with θ wrapped [m, m, rad]."""
     return Pose(a.x - b.x, a.y - b.y, wrap_angle(a.theta - b.theta))
 
 
 def add(a: Pose, b: Pose) -> Pose:
-    """Return a + b axis by axis, with θ not wrapped [m, m, rad]."""
+    """Return a + b for each axis, without wrapping θ [m, m, rad]."""
     return Pose(a.x + b.x, a.y + b.y, a.theta + b.theta)
 
 
 def subtract(a: Pose, b: Pose) -> Pose:
-    """Return a − b axis by axis, with θ not wrapped [m, m, rad]."""
+    """Return a − b for each axis, without wrapping θ [m, m, rad]."""
     return Pose(a.x - b.x, a.y - b.y, a.theta - b.theta)
 
 
@@ -52,7 +52,7 @@ def compose(a: Pose, b: Pose) -> Pose:
 
 
 def relative(a: Pose, b: Pose) -> Pose:
-    """Return the pose `b` relative to `a`, ``compose(invert(a), b)`` [m, m, rad]."""
+    """Return pose `b` relative to pose `a`: ``compose(invert(a), b)`` [m, m, rad]."""
     cosine = math.cos(a.theta)
     sine = math.sin(a.theta)
     x = b.x - a.x
@@ -63,7 +63,7 @@ def relative(a: Pose, b: Pose) -> Pose:
 
 
 def invert(a: Pose) -> Pose:
-    """Return the inverse of a pose: ``compose(invert(a), a)`` is the identity [m, m, rad]."""
+    """Return the inverse of a pose [m, m, rad]: ``compose(invert(a), a)`` is the identity."""
     cosine = math.cos(a.theta)
     sine = math.sin(a.theta)
     x = -cosine * a.x - sine * a.y
@@ -72,13 +72,13 @@ def invert(a: Pose) -> Pose:
 
 
 class MotionState(NamedTuple):
-    """State of motion: position [m, m, rad] and velocity [m/s, m/s, rad/s] at one instant."""
+    """Motion state at one time: position [m, m, rad] and velocity [m/s, m/s, rad/s]."""
 
     position: Pose
     velocity: Twist
 
     def plus(self, other: MotionState) -> MotionState:
-        """Return the sum of two states, component by component."""
+        """Return the sum of two motion states, component by component."""
         if other is ZERO_STATE:
             return self
         a = self.velocity
@@ -87,7 +87,7 @@ class MotionState(NamedTuple):
         return MotionState(add(self.position, other.position), velocity)
 
     def minus(self, other: MotionState) -> MotionState:
-        """Return the difference of two states, component by component."""
+        """Return the difference of two motion states, component by component."""
         a = self.velocity
         b = other.velocity
         velocity = Twist(a.x - b.x, a.y - b.y, a.theta - b.theta)
@@ -100,7 +100,7 @@ ZERO_STATE = MotionState(ZERO_POSE, ZERO_TWIST)
 
 
 def millimetres(pose: Pose) -> str:
-    """Return a pose as text for an operator [mm, mm, deg]."""
+    """Format a pose as text for the operator [mm, mm, deg]."""
     angle = math.degrees(pose.theta)
     return (
         f'x {1e3 * pose.x:+z.1f} mm, y {1e3 * pose.y:+z.1f} mm, theta {angle:+z.2f} deg'

@@ -1,5 +1,5 @@
 """
-Motion inside limits: from poses to setpoints and carriage targets.
+Motion within limits: converts poses to setpoints and carriage targets.
 
 The compensator and ik_service use `ReferencePath`, the jerk-limited path of the head. Ik_service
 also uses `SetpointStream`, which certifies poses and returns setpoints. The driver uses the guards

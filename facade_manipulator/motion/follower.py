@@ -1,5 +1,5 @@
 """
-Follower of the setpoint stream in the driver: checks, interpolation and limits of each cycle.
+Follower of the setpoint stream in the driver: checks, interpolation and motion limits.
 
 Each setpoint states the instant at which the carriages should reach it. Between two setpoints the
 carriages follow a cubic curve. Shortly beyond the newest setpoint they keep its velocity, unless
@@ -38,7 +38,7 @@ OLDEST_SETPOINT = 0.2  # s, maximum age of a setpoint: an older one is useless
 
 @settings
 class StreamSettings:
-    """Limits on delay and distance of setpoints."""
+    """Limits for the age and the distance of setpoints."""
 
     stale_after: float = parameter(
         'Silence after which the carriages brake and hold',
@@ -57,7 +57,7 @@ class StreamSettings:
 
 
 class Activity(enum.Enum):
-    """Activity of the carriages."""
+    """Activity of the carriages, for the operator."""
 
     HOLDING = 'holding'
     FOLLOWING = 'following'
@@ -66,7 +66,7 @@ class Activity(enum.Enum):
 
 
 class StreamStatus(NamedTuple):
-    """Status of the setpoint stream for an operator."""
+    """Status of the setpoint stream, for the operator."""
 
     activity: str = 'holding'
     limited_cycles: int = 0  #: cycles in which the limits slowed the carriages
@@ -76,7 +76,7 @@ class StreamStatus(NamedTuple):
 
 class SetpointFollower:
     """
-    Turn a stream of setpoints into one commanded position per cycle [m].
+    Follower that computes one commanded position per cycle [m] from a stream of setpoints.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class SetpointFollower:
 
     @property
     def at_rest(self) -> bool:
-        """Return whether the commanded motion is at rest."""
+        """Return whether the commanded motion has come to rest."""
         return self.motion is None or self.motion.at_rest
 
     @property
@@ -149,7 +149,7 @@ class SetpointFollower:
 
     def change_limits(self, limits: MotionLimits) -> None:
         """
-        Apply new limits from the next cycle; a motion beyond them brakes within the old limits.
+        Apply new limits from the next cycle; a faster motion brakes within the old limits.
 
         Lower limits reject no setpoint: the carriages arrive later.
         """
@@ -162,7 +162,7 @@ class SetpointFollower:
         )
 
     def reset(self, positions: PerCarriage) -> None:
-        """Hold at measured positions [m] and forget the stream."""
+        """Hold at measured positions [m], and discard the stream."""
         self.hold()
         self.motion = CarriageMotion(positions)
         self._motion_before = self.motion
@@ -170,12 +170,12 @@ class SetpointFollower:
         self.activity = Activity.HOLDING
 
     def hold(self) -> None:
-        """Forget the stream, so that each later `sample` brakes to rest."""
+        """Discard the stream; each later `sample` brakes until the carriages rest."""
         self._stream.clear()
 
     def wait(self, seconds: float) -> None:
         """
-        Continue from the last command, which the drives have held for longer than a period.
+        Continue from the last command after the drives have held it for more than a period.
 
         All axes are assumed to have braked for these seconds. A command at full speed would
         otherwise exceed the drives' following error window.
@@ -191,7 +191,7 @@ class SetpointFollower:
 
     def withdraw(self) -> None:
         """
-        Undo the last `sample`, whose positions were not sent.
+        Undo the last `sample`, because its positions were not sent.
 
         A call of `wait` must follow before the next `sample`.
         """
@@ -199,7 +199,7 @@ class SetpointFollower:
 
     def add(self, setpoint: Setpoint, now: float) -> None:
         """
-        Add a setpoint to the stream at the present time on the monotonic clock [s].
+        Check a setpoint at the present time [s, monotonic], and add it to the stream.
 
         Raises
         ------
@@ -239,7 +239,7 @@ class SetpointFollower:
 
     def sample(self, reach_time: float) -> tuple[float, float, float]:
         """
-        Return the positions [m] to command for `reach_time`, inside the motion limits.
+        Return the positions [m] to command for `reach_time`, within the motion limits.
 
         `reach_time` is the time on the monotonic clock at which the carriages reach the command
         [s].
@@ -263,7 +263,7 @@ class SetpointFollower:
 
     def _predecessor(self, time: float, now: float) -> Setpoint | None:
         """
-        Return the predecessor of a setpoint for a time [s]; None at the beginning of a stream.
+        Return the setpoint before a time [s]; None for the first setpoint of a stream.
 
         The new setpoint replaces all setpoints for later times, so that one wrong stamp does not
         block the stream.
@@ -283,7 +283,7 @@ class SetpointFollower:
 
     def _smooth(self, following: Setpoint) -> None:
         """
-        Set the velocity of the newest setpoint to that of the parabola through its neighbours.
+        Set the velocity of the newest setpoint from a parabola through its neighbours.
 
         This requires that the carriages do not follow the path to the setpoint yet, and that
         setpoints are more than a cycle apart. Mean velocities make a jump of acceleration at each
@@ -314,7 +314,7 @@ class SetpointFollower:
         self._stream.append(time, newest._replace(velocity=velocity))
 
     def _target(self, time: float) -> tuple[PerCarriage, PerCarriage] | None:
-        """Return position [m] and velocity [m/s] of the stream at a time; None while silent."""
+        """Return position [m] and velocity [m/s] of the stream at a time; None in silence."""
         target = self._stream.interpolated(time)
         if target is not None:
             return target
@@ -326,7 +326,7 @@ class SetpointFollower:
     def _follow(
         self, before: CarriageMotion, position: PerCarriage, velocity: PerCarriage
     ) -> CarriageMotion:
-        """Return the motion to the target if a path from there to rest exists, else braking."""
+        """Return the motion towards the target; brake unless a path from there to rest exists."""
         limiter = self._limiter
         if not limiter.allows(before, limiter.limits.speed):
             return self._brake(before, self.LIMITS_LOWERED)
@@ -349,7 +349,7 @@ class SetpointFollower:
 
     def _checked_stop(self, motion: CarriageMotion) -> Iterator[CarriageMotion]:
         """
-        Return the path to rest; raise a ManipulatorError if it is not allowed.
+        Return the path from a motion to rest; raise a ManipulatorError if it is not allowed.
 
         On the path, a carriage must also be able to stop before a neighbour that stops at once.
         """
@@ -374,11 +374,11 @@ class SetpointFollower:
         return _motions(self._limiter, motion, path[1:])  # of the present limits
 
     def _silence(self) -> str:
-        """Return why the stream has no target."""
+        """Return the reason why the stream has no target."""
         return self.STREAM_SILENT if self._stream.newest() else self.STREAM_ENDED
 
     def _brake(self, before: CarriageMotion, cause: str) -> CarriageMotion:
-        """Return the next motion on the path to rest that was checked with the present motion."""
+        """Return the next motion on the path to rest, which was checked one cycle earlier."""
         motion = next(self._stop, None)
         if motion is None:
             self.activity = Activity.HOLDING
@@ -395,7 +395,7 @@ def _motions(
     motion: CarriageMotion,
     states: Sequence[Sequence[PerCarriage]],
 ) -> Iterator[CarriageMotion]:
-    """Yield the motions in the states after a motion, one period apart."""
+    """Yield the motions that follow a motion through the given states, one per period."""
     for state in states:
         motion = limiter.advance(motion, state)
         yield motion

@@ -1,4 +1,4 @@
-"""Reference of the head: one jerk-limited, synchronised path in (x, y, θ) to goals on the wall."""
+"""Reference of the head: a jerk-limited, synchronised path in (x, y, θ) to each goal."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from facade_manipulator.parameters import parameter, settings
 @settings
 class ReferenceSettings:
     """
-    Limits of the head's path, on the wall and on the rail: x, y and θ.
+    Limits of the head's path, on the wall and on the rail, for x, y and θ.
 
     Compensator and ik_service have the same group ``reference``, because a pose that only one of
     both accepts would stop the head on its path.
@@ -71,7 +71,7 @@ class HeadMotion(NamedTuple):
 
 class ReferencePath:
     """
-    Path of the head on the wall towards the present goal.
+    Path of the head on the wall to the current goal.
 
     The path to a new goal begins with the present motion. From rest it is straight.
     """
@@ -87,7 +87,7 @@ class ReferencePath:
 
     def initialise(self, time: float, motion: HeadMotion, goal: Pose) -> None:
         """
-        Restart the path at a motion and plan it to a goal.
+        Restart the path from a motion, and plan it to a goal.
 
         The time is that of the motion [s]. The path ends at rest, and θ turns by at most half a
         turn.
@@ -100,17 +100,17 @@ class ReferencePath:
         self.goal = goal
 
     def retarget(self, time: float, goal: Pose) -> None:
-        """Plan a path to another goal from the motion at a time [s], after `initialise`."""
+        """Plan a path to another goal from the motion at a time [s]; requires `initialise`."""
         self.initialise(time, self.at(time), goal)
 
     def stop(self, time: float) -> Pose:
-        """Plan to come to rest from a time [s]; return the final pose [m, m, rad]."""
+        """Plan a stop that begins at a time [s]; return the final pose [m, m, rad]."""
         self._plan(time, self.at(time), None)
         self.goal = self.at(math.inf).position
         return self.goal
 
     def at(self, time: float) -> HeadMotion:
-        """Return the motion at a time [s], clamped to the start and end of the path."""
+        """Return the motion at a time [s], which is clamped to the duration of the path."""
         elapsed = max(time - self._start, 0.0)
         duration = self._trajectory.duration
         if elapsed >= duration - self.LAST_INSTANT:
@@ -122,7 +122,7 @@ class ReferencePath:
         return HeadMotion(Pose(*position), Twist(*velocity), tuple(acceleration))
 
     def arrival(self) -> float:
-        """Return the end time of the path [s], −inf before the first path."""
+        """Return the end time of the path [s]; −inf before the first path."""
         return self._start + self._trajectory.duration
 
     def _plan(self, time: float, motion: HeadMotion, goal: Pose | None) -> None:
@@ -144,7 +144,7 @@ SHORTEST_MOVE = 1e-9  # m or rad, minimum distance of an axis that moves
 
 
 def _proportional(limits: tuple[float, ...], displacement: Pose) -> list[float]:
-    """Return the largest limits proportional to the displacement; axes at rest keep theirs."""
+    """Return the largest limits proportional to a displacement; axes at rest keep theirs."""
     distances = [abs(step) for step in displacement]
     pace = math.inf
     for limit, distance in zip(limits, distances, strict=True):

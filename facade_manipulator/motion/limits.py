@@ -1,5 +1,5 @@
 """
-Speed, acceleration and jerk limits of the three carriages, applied to all axes together.
+Speed, acceleration and jerk limits of the three carriages, applied jointly.
 
 A target inside the limits passes unchanged. Beyond the limits, the carriages follow the moving
 target on a time-optimal jerk-limited path. Ruckig plans this path in the frame that moves with the
@@ -28,7 +28,7 @@ ZERO = (0.0, 0.0, 0.0)  # of any unit
 
 @settings
 class MotionLimits:
-    """Limits of the motion of each carriage."""
+    """Motion limits that apply to each carriage."""
 
     speed: float = parameter(
         'Highest speed of a carriage',
@@ -68,7 +68,7 @@ STANDSTILL_ACCELERATION = 1e-3  # m/s²
 
 
 class CarriageMotion(NamedTuple):
-    """Motion of the three carriages at one instant; each field has shape (3,)."""
+    """Motion of the three carriages at one time; each field has shape (3,)."""
 
     position: PerCarriage  #: [m]
     velocity: PerCarriage = ZERO  #: [m/s]
@@ -79,7 +79,7 @@ class CarriageMotion(NamedTuple):
 
     @property
     def at_rest(self) -> bool:
-        """Return whether every carriage is at rest without acceleration."""
+        """Return whether every carriage has no speed and no acceleration."""
         return (
             greatest(self.velocity) < STANDSTILL_SPEED
             and greatest(self.acceleration) < STANDSTILL_ACCELERATION
@@ -87,12 +87,12 @@ class CarriageMotion(NamedTuple):
 
 
 def greatest(values: PerCarriage) -> float:
-    """Return the maximum magnitude over the carriages."""
+    """Return the maximum absolute value of the three carriages."""
     return max(map(abs, values))
 
 
 def plus(a: PerCarriage, b: PerCarriage, factor: float = 1.0) -> PerCarriage:
-    """Return a + factor · b for three axes, in a fifth of the time of numpy."""
+    """Return a + factor · b for three axes; numpy would take five times as long."""
     a1, a2, a3 = a
     b1, b2, b3 = b
     return a1 + factor * b1, a2 + factor * b2, a3 + factor * b3
@@ -100,7 +100,7 @@ def plus(a: PerCarriage, b: PerCarriage, factor: float = 1.0) -> PerCarriage:
 
 class PathLimiter:
     """
-    Step a commanded motion towards a target within the limits.
+    Limiter that moves the commanded motion towards a target within the limits.
 
     The period is the time between two steps [s].
     """
@@ -129,7 +129,7 @@ class PathLimiter:
         self, before: CarriageMotion, target: PerCarriage, velocity: PerCarriage
     ) -> CarriageMotion | None:
         """
-        Return the motion that reaches the target one period later, None if limits forbid it.
+        Return the motion that reaches the target one period later; None if the limits forbid it.
 
         Carriages that catch up must arrive with the target's velocity; otherwise they would
         oscillate about the target.
@@ -165,7 +165,7 @@ class PathLimiter:
         self, before: CarriageMotion, target: PerCarriage, velocity: PerCarriage
     ) -> CarriageMotion:
         """
-        Return the motion one period later on the fastest allowed path to a moving target.
+        Return the motion one period later on the fastest permitted path to a moving target.
 
         The target is the position of the carriages at that time [m]. Its velocity [m/s] is reduced
         to the limits.
@@ -208,7 +208,7 @@ class PathLimiter:
         self, motion: CarriageMotion, speed: float, tolerance: float = PATH_TOLERANCE
     ) -> bool:
         """
-        Return whether a motion is inside a speed [m/s] and the other limits, and can remain there.
+        Return whether a motion is within a speed [m/s] and the other limits, now and later.
 
         A motion beyond limits that were lowered must brake within the limits of its plan. A lower
         jerk would end its acceleration too late, at an excessive speed.
@@ -224,7 +224,7 @@ class PathLimiter:
         return greatest(motion.velocity) <= most and greatest(end) <= most
 
     def slow(self, motion: CarriageMotion, seconds: float) -> CarriageMotion:
-        """Return a motion at the same position after all axes have braked for a time [s]."""
+        """Return the motion at the same position after all axes have braked for a time [s]."""
         fastest = greatest(motion.velocity)
         lost = self.limits.acceleration * seconds
         share = 1.0 - lost / fastest if fastest > lost else 0.0
@@ -233,7 +233,7 @@ class PathLimiter:
 
     def stop(self, motion: CarriageMotion) -> list[Sequence[PerCarriage]]:
         """
-        Return the states on the path from a motion to rest, a period apart; the last is at rest.
+        Return the states on the path from a motion to rest, one per period.
 
         All axes come to rest together if ruckig finds such a path. A state is a tuple of position,
         velocity and acceleration; `advance` converts it to a motion, which most callers do not
@@ -256,14 +256,14 @@ class PathLimiter:
     def advance(
         self, before: CarriageMotion, state: Sequence[PerCarriage]
     ) -> CarriageMotion:
-        """Return the motion in a state one period after another motion."""
+        """Return the motion that reaches a state one period after another motion."""
         position, velocity, acceleration = state
         mean = self._rates(before.position, position)
         change = self._rates(before.mean_velocity, mean)
         return CarriageMotion(position, velocity, acceleration, mean, change)
 
     def _rates(self, before: PerCarriage, after: PerCarriage) -> PerCarriage:
-        """Return the mean rates of change within a period [1/s]."""
+        """Return the mean rates of change during a period [1/s]."""
         rate = 1.0 / self.period
         a1, a2, a3 = before
         b1, b2, b3 = after

@@ -1,5 +1,5 @@
 """
-Setpoints for poses in frame `rail`: a stream is followed, a single pose is approached.
+Setpoints for poses in frame `rail`: follow a stream, approach a single pose.
 
 A pose after a pause of `STREAM_GAP` begins a stream. If no other pose follows it within that time,
 the head approaches it on a jerk-limited straight path.
@@ -16,7 +16,7 @@ from facade_manipulator.motion.setpoints import Setpoint, SetpointStream, STREAM
 
 
 class RailPose(NamedTuple):
-    """Pose of the head in frame `rail` for an instant."""
+    """Pose of the head in frame `rail` for a given time."""
 
     time: float  #: [s]
     pose: Pose
@@ -25,7 +25,7 @@ class RailPose(NamedTuple):
 
 class PoseFollower:
     """
-    Follower of a stream of poses, or of a single pose from the measured head.
+    Follower of a pose stream, which approaches a single pose from the measured head pose.
 
     The ik_service calls `follow` for each pose, and `step` 100 times a second while the follower
     `is_approaching`. All times are on one clock [s].
@@ -56,12 +56,12 @@ class PoseFollower:
         self.is_approaching = False
 
     def is_first(self, command: RailPose) -> bool:
-        """Return whether a pose begins a stream, or an approach of the head."""
+        """Return whether a pose begins a stream, or is a single pose to approach."""
         return abs(command.time - self._newest_time) > STREAM_GAP
 
     def follow(self, command: RailPose, head: Pose | None) -> Setpoint | None:
         """
-        Return the setpoint of a pose, None for a pose that may be a single one.
+        Return the setpoint of a pose; None while it is unknown whether the pose begins a stream.
 
         Without a measured head nothing can be approached, and each pose has a setpoint. Raises a
         LimitError with the limit that the pose violates.
@@ -83,7 +83,7 @@ class PoseFollower:
 
     def step(self, now: float, head: Pose | None) -> Setpoint | None:
         """
-        Return the next setpoint of an approach, None before its begin.
+        Return the next setpoint of an approach; None before the approach begins.
 
         Raises a LimitError with the limit that the path violates.
         """
@@ -103,12 +103,12 @@ class PoseFollower:
         return self._stream.setpoint(time, self._path.at(time).position)
 
     def end(self) -> None:
-        """End an approach: the next pose begins another."""
+        """End an approach; the next pose begins another approach."""
         self._first = None
         self.is_approaching = False
 
     def _begin(self, time: float, pose: Pose, head: Pose | None) -> None:
-        """Plan the path to a pose: from the head, or from the present approach."""
+        """Plan the path to a pose, from the head's pose or from the current approach."""
         if self._is_at_rest:
             start = pose if head is None else head
             self._path.initialise(time, HeadMotion(start), pose)

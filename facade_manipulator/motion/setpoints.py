@@ -1,5 +1,5 @@
 """
-Setpoints: computed from poses, checked against each other, and interpolated.
+Setpoints: compute them from poses, check them in sequence, and interpolate them.
 
 Each pose is certified and solved for its carriages; its velocity is that of the stream of poses.
 """
@@ -29,7 +29,7 @@ class Setpoint(NamedTuple):
 def require_within(
     quantity: str, values: PerCarriage, bound: float, unit: str, parameter: str = ''
 ) -> None:
-    """Reject a value beyond a bound or NaN; the carriage's name completes the quantity."""
+    """Reject a value that is NaN or exceeds a limit; add the carriage's name to the quantity."""
     for carriage, value in zip(AXIS_NAMES, values, strict=True):
         if not abs(value) <= bound:
             raise SetpointLimitError(
@@ -49,7 +49,7 @@ def require_possible(
     acceleration: float,
 ) -> None:
     """
-    Reject a setpoint that is too far from the last setpoint [m], too fast, or inconsistent.
+    Reject a setpoint that is too fast, inconsistent, or too far from the last setpoint [m].
 
     Its velocity must be the mean velocity since the last setpoint, or reachable from the last
     velocity with the acceleration [m/s²].
@@ -88,7 +88,7 @@ def extrapolate(
     newest: Sequence[Setpoint], time: float
 ) -> tuple[PerCarriage, PerCarriage]:
     """
-    Return position [m] and velocity [m/s] that the newest setpoints imply for a time [s].
+    Return position [m] and velocity [m/s] extrapolated from the newest setpoints to a time [s].
 
     If a stream has only one setpoint, its velocity is not confirmed and the position is held.
     """
@@ -101,7 +101,7 @@ def interpolate(
     before: tuple[float, Setpoint], after: tuple[float, Setpoint], time: float
 ) -> tuple[PerCarriage, PerCarriage]:
     """
-    Return position [m] and velocity [m/s] on the cubic Hermite curve between two items at a time.
+    Return position [m] and velocity [m/s] on the cubic Hermite curve between two setpoints.
 
     With u from 0 to 1 and w = 1 − u, over the time h::
 
@@ -132,7 +132,7 @@ def interpolate(
 
 
 class SetpointStream:
-    """Certify poses, and turn a stream of them into setpoints."""
+    """Converter of a stream of poses to setpoints, which checks each pose."""
 
     PATH_SPACING = 0.005  # m, between the poses of a path where the request names none
     LONGEST_PATH = 10000  # steps: a mistyped spacing must not block the node for long
@@ -144,14 +144,14 @@ class SetpointStream:
         self._last = (-math.inf, kinematics.ZERO_POSE)
 
     def certify(self, pose: kinematics.Pose) -> kinematics.Carriages:
-        """Return the carriages of a goal [m], or raise a LimitError with the violated limit."""
+        """Return the carriage positions of a goal [m]; raise a LimitError beyond a limit."""
         return self.mechanism.certify(pose, self._min_conditioning)
 
     def path(
         self, start: kinematics.Pose, goal: kinematics.Pose, spacing: float = 0.0
     ) -> list[kinematics.Carriages]:
         """
-        Return carriage positions along the straight path from start to goal, both included [m].
+        Return carriage positions on the straight path from start to goal, including both [m].
 
         x, y and θ change in proportion. The spacing is the maximum distance [m] of neighbouring
         poses, measured at the head and at the platform's joints; 0 means `PATH_SPACING`.
@@ -191,7 +191,7 @@ class SetpointStream:
 
     def setpoint(self, time: float, pose: kinematics.Pose) -> Setpoint:
         """
-        Return the setpoint of a pose for a time [s].
+        Return the setpoint for a pose at a time [s].
 
         Its velocity is J ṗ, where ṗ is the mean velocity since the last pose of the stream. The
         first pose of a stream has velocity 0.

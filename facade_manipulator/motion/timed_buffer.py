@@ -1,4 +1,4 @@
-"""Buffer of the newest values of a signal, searched and interpolated by time."""
+"""Buffer of the newest values of a signal, for search and interpolation by time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _time = itemgetter(0)
 def linear(
     before: tuple[float, float], after: tuple[float, float], time: float
 ) -> float:
-    """Return the number on the straight line through two items (time, number) at a time [s]."""
+    """Return the linear interpolation of two items (time, number) at a time [s]."""
     begin, first = before
     end, second = after
     return first + (second - first) * (time - begin) / (end - begin)
@@ -24,7 +24,7 @@ def linear(
 
 class TimedBuffer(Generic[Value, Found]):
     """
-    Values at ascending times, each kept for `KEPT_TIME`.
+    Values at ascending times; each value is kept for `KEPT_TIME`.
 
     Parameters
     ----------
@@ -39,24 +39,24 @@ class TimedBuffer(Generic[Value, Found]):
         self._between = between
 
     def clear(self) -> None:
-        """Forget all values."""
+        """Delete all values."""
         self._items = ()
 
     def append(self, time: float, value: Value) -> None:
-        """Add the value at a time [s] and delete the values at and after that time."""
+        """Add a value at a time [s], and delete the values at this time and later."""
         items = self._items
         end = bisect_left(items, time, key=_time)
         begin = bisect_left(items, time - KEPT_TIME, key=_time)
         self._items = (*items[begin:end], (time, value))
 
     def newest(self, count: int = 1) -> tuple[tuple[float, Value], ...]:
-        """Return the newest items (time, value), at most as many as exist."""
+        """Return up to `count` of the newest items (time, value)."""
         return self._items[-count:]
 
     def around(
         self, time: float
     ) -> tuple[tuple[float, Value] | None, tuple[float, Value] | None]:
-        """Return the items (time, value) at or before a time [s] and after it, None if missing."""
+        """Return the items (time, value) before or at a time [s] and after it; None if missing."""
         items = self._items
         index = bisect_right(items, time, key=_time)
         before = items[index - 1] if index else None
@@ -64,7 +64,7 @@ class TimedBuffer(Generic[Value, Found]):
         return before, after
 
     def interpolated(self, time: float) -> Found | None:
-        """Return the signal at a time [s]; None without values on both sides of the time."""
+        """Return the signal at a time [s]; None unless values exist on both sides of this time."""
         before, after = self.around(time)
         if before is None or after is None:
             return None

@@ -1,4 +1,4 @@
-"""Jerk-limited trajectories of three axes, planned by ruckig."""
+"""Jerk-limited trajectories of three axes, planned with ruckig."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def plan_trajectory(
     backward_speed: Sequence[float] | None = None,
 ) -> ruckig.Trajectory:
     """
-    Return the fastest trajectory inside limits that ends at rest.
+    Return the fastest trajectory within the limits that ends at rest.
 
     All axes arrive together, and from rest the path is straight. If ruckig finds no such
     trajectory, which rounding can prevent, each axis takes its own time.
@@ -78,7 +78,7 @@ ACCELERATION_ROUNDING = 1e-9  # relative tolerance of an acceleration at its lim
 
 def _without_rounding(value: float, limit: float) -> float:
     """
-    Return the limit for an acceleration that rounding has put beyond it.
+    Return the limit if rounding errors have moved an acceleration beyond it.
 
     Ruckig rejects such an acceleration. It accepts one far beyond, because the limit has been
     lowered.

@@ -1,5 +1,5 @@
 """
-Learnt continuation of a motion: direct multi-step least squares with forgetting and a prior.
+Learnt continuation of a motion: multi-step least squares with forgetting and a prior.
 
 Model: for each horizon τ the move m = d(t + τ) − level(t) [m or rad] is Wᵀφ(t), with the features
 φ of `filters`. The weights W solve
@@ -47,7 +47,7 @@ STAMP_ROUNDING = 1e-6  # s, of stamps and of the times computed from them
 
 class Sample(NamedTuple):
     """
-    Forecast of all axes after an estimate.
+    Forecast of all axes made after an estimate, with the features used.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Sample(NamedTuple):
 
 class Continuation:
     """
-    Learnt weights of the features for every axis and a group of horizons.
+    Learnt feature weights for every axis, for one group of horizons.
 
     `Learning` adds each sample, and learns and solves in turns.
 
@@ -120,15 +120,15 @@ class Continuation:
 
     @property
     def begin(self) -> float:
-        """Return the stamp of the oldest sample, which is not learnt yet [s]."""
+        """Return the stamp of the oldest sample that is not yet learnt [s]."""
         return self._samples[0].stamp if self._samples else math.inf
 
     def add(self, sample: Sample) -> None:
-        """Keep a sample until its longest horizon has passed."""
+        """Store a sample until its longest horizon has passed."""
         self._samples.append(sample)
 
     def weaken(self, share: np.ndarray) -> None:
-        """Reduce the learnt time of each axis to a share of it."""
+        """Multiply the learnt time of each axis by a share."""
         self.learnt = self.learnt * share
 
     def learn(self, noise: np.ndarray, positions: Positions) -> None:
@@ -179,7 +179,7 @@ class Continuation:
         spread: np.ndarray,
         noise: np.ndarray,
     ) -> None:
-        """Score the forecasts of samples with the positions that were reached."""
+        """Compare the forecasts of samples with the positions reached later."""
         forecasts = np.array([sample.forecasts for sample in samples])
         forecasts = forecasts.transpose(1, 2, 0, 3)[..., self._group]
         forecast, continued, step = forecasts
@@ -203,7 +203,7 @@ class Continuation:
         reached: np.ndarray,
         duration: float,
     ) -> None:
-        """Forget a part of the moments after a duration [s], and add those of samples."""
+        """Reduce the moments according to a duration [s], and add the moments of samples."""
         features = np.array([sample.seen for sample in samples]).swapaxes(0, 1)
         level = np.array([sample.level for sample in samples])
         weighted = (features * weights[:, None]).swapaxes(1, 2)
@@ -216,7 +216,7 @@ class Continuation:
         self, strength: np.ndarray, density: np.ndarray, tones: np.ndarray
     ) -> None:
         """
-        Update the weights, the trust and the variances.
+        Compute the weights, the trust and the variances from the moments.
 
         Parameters
         ----------

@@ -1,5 +1,5 @@
 """
-Doubt about the estimates of each axis: test them against the last trusted forecast.
+Doubt about the estimates of each axis: compare them with the last trusted forecast.
 
 `jumps` tests one axis. The forecast that it compares with does not use the estimates in doubt: the
 error of predictions from predicted values would grow with every step.
@@ -23,7 +23,7 @@ from facade_manipulator.prediction.spline import LAST_HORIZON, motion, Pieces
 
 class Doubt:
     """
-    Doubt about the estimates of all axes.
+    State of doubt about the estimates of all axes.
 
     The predictor asks for the `expected` positions, decides about each estimate, and passes each
     new forecast.
@@ -52,7 +52,7 @@ class Doubt:
         self.is_wrong = np.zeros(axes, bool)
 
     def trust(self, stamp: float, newest: list[Pieces]) -> None:
-        """Take the forecasts after an estimate; an axis in doubt keeps its last trusted one."""
+        """Store the forecasts after an estimate; a doubted axis keeps its trusted forecast."""
         self._newest = newest
         trusted = []
         for axis, pieces in enumerate(newest):
@@ -61,7 +61,7 @@ class Doubt:
         self._trusted = trusted
 
     def expected(self, time: float) -> np.ndarray:
-        """Return the positions [m, rad] of the last trusted forecasts at a time [s]."""
+        """Return the positions [m, rad] that the last trusted forecasts predict for a time [s]."""
         positions = []
         for stamp, pieces in self._trusted:
             position, _ = motion(pieces, min(time - stamp, LAST_HORIZON))
@@ -87,7 +87,7 @@ class Doubt:
         variance: Callable[[int, float], float],
     ) -> list[JumpDecision]:
         """
-        Return the decision about an estimate of each axis.
+        Return a decision about the newest estimate of each axis.
 
         Parameters
         ----------

@@ -1,5 +1,5 @@
 """
-Gate of the estimates: impossible estimates are rejected, the others converted to the rail.
+Gate of the estimates: rejects impossible estimates, converts the others to rail poses.
 
 An estimator at m on the rail measures its yaw and its displacement along its own axes, which are
 turned from those of `facade` by an angle α. With the pose d of the rail, the displacement is
@@ -28,7 +28,7 @@ MIN_INTERVAL = 0.015
 
 @settings
 class EstimateSettings:
-    """Noise, mounting and time of the estimates of the disturbance."""
+    """Settings of the disturbance estimates: noise, mounting and time."""
 
     position_noise: float = parameter(
         'Standard deviation in x and y if the message contains none',
@@ -80,7 +80,7 @@ ALL_KNOWN: tuple[bool, ...] = (True, True, True)
 
 
 class Estimate(NamedTuple):
-    """Disturbance [m, m, rad] at a stamp [s] with the variances of its noise."""
+    """Disturbance [m, m, rad] at a stamp [s], with its noise variances."""
 
     stamp: float
     pose: Pose
@@ -90,7 +90,7 @@ class Estimate(NamedTuple):
 
 
 class EstimateGate:
-    """Gate that rejects impossible estimates and converts the others to poses of the rail."""
+    """Gate that rejects impossible estimates, and converts the others to poses of the rail."""
 
     OLDEST_ESTIMATE = 0.3  # s: an older estimate is stale
     # s, lead of the estimator's clock: synchronised clocks differ by less
@@ -132,7 +132,7 @@ class EstimateGate:
         tilt: float = 0.0,
     ) -> Estimate:
         """
-        Return the estimate of the rail for a received disturbance.
+        Check a received disturbance; return the estimate of the rail.
 
         Parameters
         ----------
@@ -194,7 +194,7 @@ class EstimateGate:
     def _received_variances(
         self, variances: Sequence[float], measured: Sequence[bool]
     ) -> tuple[float, ...]:
-        """Return the variances of the received axes, those of the settings if not measured."""
+        """Return the variance of each received axis, from the settings if it is not measured."""
         received = []
         for variance, noise, is_axis_measured in zip(
             variances, self._noise, measured, strict=True
@@ -204,14 +204,14 @@ class EstimateGate:
         return tuple(received)
 
     def _of_rail(self, pose: Pose) -> Pose:
-        """Return the pose of the rail for a received disturbance, with θ wrapped."""
+        """Convert a received disturbance to the pose of the rail, with θ wrapped."""
         x, y, _ = compose(self._turned_mounting, pose)
         x, y, theta = compose(Pose(x, y, pose.theta), self._from_mounting)
         return Pose(x, y, wrap_angle(theta))
 
     @staticmethod
     def _is_known(squares: Sequence[float], measured: Sequence[bool]) -> bool:
-        """Return whether all received axes that an axis of the rail depends on were measured."""
+        """Return whether every received axis that affects this axis of the rail was measured."""
         for square, is_axis_measured in zip(squares, measured, strict=True):
             if square and not is_axis_measured:
                 return False
@@ -219,7 +219,7 @@ class EstimateGate:
 
     @staticmethod
     def _check_range(place: Pose, known: Sequence[bool]) -> None:
-        """Reject a pose of the rail with a known axis that no gondola reaches."""
+        """Reject a rail pose if a known axis is outside the range of a gondola."""
         for (name, unit, largest), value, is_known in zip(
             EstimateGate.DISPLACEMENT_LIMITS, place, known, strict=True
         ):
@@ -231,7 +231,7 @@ class EstimateGate:
                 )
 
     def _check_step(self, stamp: float, pose: Pose, measured: Sequence[bool]) -> None:
-        """Reject a stamp that is out of order, and an impossible change of a measured axis."""
+        """Reject a stamp that is out of order, or an impossible change of a measured axis."""
         last = self._last
         elapsed = stamp - last.stamp
         if elapsed <= -MIN_INTERVAL or elapsed == 0.0:
@@ -258,7 +258,7 @@ class EstimateGate:
         received: Sequence[float],
         known: tuple[bool, ...],
     ) -> Estimate:
-        """Return the estimate of the rail, at rest along unknown axes."""
+        """Return the estimate of the rail, with unknown axes at rest."""
         x, y, theta = place
         last = self._last_known
         is_x_known, is_y_known, is_theta_known = known
@@ -275,7 +275,7 @@ class EstimateGate:
         return Estimate(stamp, self._last_known, tuple(variances), known)
 
     def displacement(self, place: Pose) -> Pose:
-        """Return the displacement of an estimator from its place, along its axes [m, m, rad]."""
+        """Return the displacement of the estimator's mounting point in its axes [m, m, rad]."""
         x, y, _ = compose(Pose(0.0, 0.0, -self.settings.axes), self._mounting)
         return Pose(place.x - x, place.y - y, place.theta)
 

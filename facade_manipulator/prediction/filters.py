@@ -1,5 +1,5 @@
 """
-Fixed linear filters: the present motion at four bandwidths.
+Fixed linear filters that compute the present motion at four bandwidths.
 
 Each filter is the steady-state Kalman-Bucy filter for a position whose jerk is white noise. For
 any noise its poles are those of a Butterworth filter of third order, −ω and ω exp(±2πi/3). Its
@@ -40,7 +40,7 @@ _DENOMINATOR = np.array((1.0, 2.0, 2.0, 1.0))
 
 
 def _states_by_modes() -> np.ndarray:
-    """Return the matrix from both modes of a filter to p, v/ω and a/ω², from their real part."""
+    """Return the matrix that maps both filter modes to p, v/ω and a/ω² (real part)."""
     slope = np.polyder(_DENOMINATOR)
     rows = []
     for pole in _POLES:
@@ -53,7 +53,7 @@ def _states_by_modes() -> np.ndarray:
 
 def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the features of the continuation, which do not depend on a constant offset.
+    Return the features of the continuation, which are independent of a constant offset.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def response(frequencies: np.ndarray) -> np.ndarray:
-    """Return the states at t = 0 for y = exp(2πi f t), f in Hz, shape (f, bandwidths, 3)."""
+    """Return the states at t = 0 for y = exp(2πi f t); f is in Hz; shape (f, bandwidths, 3)."""
     s = 2j * np.pi * frequencies[:, None] / BANDWIDTHS
     numerators = np.stack([np.polyval(row, s) for row in _NUMERATORS], axis=-1)
     return numerators / np.polyval(_DENOMINATOR, s)[..., None]
@@ -84,7 +84,7 @@ def response(frequencies: np.ndarray) -> np.ndarray:
 
 class FilterBank:
     """
-    Filters of several axes, initially at rest at 0.
+    Filters of several axes, which are initially at rest at 0.
 
     The predictor updates them with each estimate, and ends doubts about the estimates.
 
@@ -114,7 +114,7 @@ class FilterBank:
         self, interval: float, values: np.ndarray, doubted: np.ndarray | None = None
     ) -> None:
         """
-        Update with positions that hold for an interval [s].
+        Update the filters with positions that are constant for an interval [s].
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ class FilterBank:
             self.doubted = _held(self.doubted, decay, doubted)
 
     def end_doubt(self, were_wrong: np.ndarray, is_doubted: np.ndarray) -> None:
-        """Remove the effect of wrong estimates, and forget that of axes without doubt."""
+        """Remove the effect of wrong estimates; accept that of estimates no longer in doubt."""
         wrong = np.where(were_wrong[:, None, None], self.doubted, 0.0)
         self.modes = self.modes - wrong
         self.doubted = np.where(is_doubted[:, None, None], self.doubted, 0.0)
@@ -154,6 +154,6 @@ class FilterBank:
 
 
 def _held(modes: np.ndarray, decay: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the modes after a time in which values hold: z = y + exp(λ t) (z₀ − y)."""
+    """Return the modes after values were constant for a time: z = y + exp(λ t) (z₀ − y)."""
     held = values[:, None, None]
     return held + decay * (modes - held)

@@ -1,5 +1,5 @@
 """
-Decision whether estimates that leave the prediction are wrong or show a motion.
+Decision whether estimates that deviate from the prediction are wrong or show a motion.
 
 Generalised likelihood ratio of two hypotheses for an axis. z_i are the errors of the
 estimates to the prediction, divided by their standard deviation σ_i:
@@ -42,7 +42,7 @@ DECISION_TIME = 0.25
 
 
 class JumpDecision(enum.Enum):
-    """Decision that ends the doubt about the estimates of an axis."""
+    """Decision about doubted estimates of an axis; all except undecided end the doubt."""
 
     UNDECIDED = enum.auto()  #: there is no doubt, or it continues
     NOISE = enum.auto()  #: the estimates were right
@@ -53,7 +53,7 @@ class JumpDecision(enum.Enum):
 
 class JumpDetector:
     """
-    Detector of wrong estimates of an axis.
+    Detector of wrong estimates of one axis.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class JumpDetector:
         self, stamp: float, error: float, deviation: float, is_followed: bool
     ) -> JumpDecision:
         """
-        Test an estimate together with the estimates of the last half second.
+        Evaluate an estimate together with the estimates of the last half second.
 
         Parameters
         ----------
@@ -133,7 +133,7 @@ class JumpDetector:
         is_followed: bool,
         odds: float,
     ) -> JumpDecision:
-        """Return the first decision that applies, undecided if none does."""
+        """Return the first decision that applies, or undecided."""
         if not is_far and (self.is_wrong or not (is_late or is_followed)):
             return JumpDecision.WRONG
         if is_small and not (is_late or is_far):
@@ -145,14 +145,14 @@ class JumpDetector:
         return JumpDecision.UNDECIDED
 
     def _bound(self, is_far: bool) -> float:
-        """Return the odds above which estimates in doubt count as wrong."""
+        """Return the odds above which doubted estimates count as wrong."""
         if self.is_wrong:
             return 0.0
         return self.ODDS if is_far else math.inf
 
     def _odds(self, bound: float) -> tuple[float, float]:
         """
-        Return the squared errors explained by a jump, and their excess over other explanations.
+        Return the squared error that a jump explains, and its excess over other explanations.
 
         Other explanations are a push, and the end of an earlier jump that was not detected, whose
         errors have the opposite sign. They only reduce the excess, so that they are not computed
@@ -185,6 +185,6 @@ class JumpDetector:
 
 
 def _explained(errors: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the squared errors that a jump from each estimate on explains, with its sign."""
+    """Return the signed squared error that a jump beginning at each estimate explains."""
     total = (weights * errors)[::-1].cumsum()
     return total * abs(total) / weights[::-1].cumsum()

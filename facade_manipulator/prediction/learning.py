@@ -1,5 +1,5 @@
 """
-Learning of the forecast in turns: a group of horizons of all axes, and the tones of one axis.
+Schedule of learning: all axes of a group of horizons, then the tones of one axis.
 
 In turns, no estimate takes much longer than the others. The near horizons are learnt three times
 as often as the far horizons. The prior of the continuation needs the strength of the motion: the
@@ -32,7 +32,7 @@ from facade_manipulator.prediction.tones import Tones
 
 class Learning:
     """
-    Everything that is learnt about the motion since a start.
+    Quantities learnt about the motion since a start.
 
     The predictor passes each estimate to `update`, and the forecast that follows to `add`.
 
@@ -90,7 +90,7 @@ class Learning:
         self._solve(self._groups, noise, mean_interval)
 
     def variance(self, axis: int, ahead: float) -> float:
-        """Return the variance of the prediction of an axis after a time [s]."""
+        """Return the variance of an axis's prediction after a time [s]."""
         if ahead <= HORIZONS[0]:  # as usual: interpolation takes ten times as long
             return self.variances[axis][0]
         return float(
@@ -98,7 +98,7 @@ class Learning:
         )
 
     def add(self, sample: Sample) -> None:
-        """Keep the forecast after an estimate, to learn from it later."""
+        """Store the forecast after an estimate for later learning."""
         for group in self._groups:
             group.add(sample)
 
@@ -111,7 +111,7 @@ class Learning:
         mean_interval: float,
         positions: Positions,
     ) -> None:
-        """Update the strength of the motion from the features, and learn if it is due."""
+        """Update the strength of the motion from the features; learn if learning is due."""
         floor = noise * (mean_interval * self.ACCELERATION_NOISE)
         forgotten = math.exp(-interval / self.PEAK_TIME) * self._peak
         squared = self._SQUARED * seen[:, ACCELERATION_FEATURE] ** 2
@@ -128,7 +128,7 @@ class Learning:
         positions.forget(min(one.begin for one in self._groups))
 
     def _weaken(self, strongest: np.ndarray) -> None:
-        """Weaken earlier learning if the strongest squared acceleration has grown."""
+        """Reduce the weight of earlier learning if the greatest squared acceleration has grown."""
         share = np.minimum(self.GROWTH * self._known / strongest, 1.0)
         for group in self._groups:
             group.weaken(share)
@@ -138,7 +138,7 @@ class Learning:
     def _solve(
         self, groups: Iterable[Continuation], noise: np.ndarray, mean_interval: float
     ) -> None:
-        """Solve groups of horizons and join the results of all groups."""
+        """Solve the given groups of horizons, then join the results of all groups."""
         strength = self.PEAK_SHARE * self._peak
         density = noise * mean_interval
         for group in groups:

@@ -1,4 +1,4 @@
-"""Positions of the last estimates, which may change until a doubt about them has ended."""
+"""Positions of the last estimates, which may change until doubts about them have ended."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 class Positions:
     """
-    Positions that the continuation and the tones learn, each with its stamp.
+    Stamped positions from which the continuation and the tones learn.
 
     The predictor adds one for each estimate. While an axis is in doubt, its estimates may count as
     wrong: then the position is the prediction, and the error is kept apart. When the doubt ends
@@ -28,7 +28,7 @@ class Positions:
     def add(
         self, stamp: float, values: np.ndarray, left_out: np.ndarray, is_doubted: bool
     ) -> None:
-        """Add positions, and the errors of estimates that count as wrong [m or rad]."""
+        """Add positions, and the errors left out of them as wrong [m or rad]."""
         self._stamps.append(stamp)
         self._values.append(values)
         if is_doubted:
@@ -37,7 +37,7 @@ class Positions:
             self._left_out = []
 
     def settle(self, is_settled: np.ndarray, were_right: np.ndarray) -> None:
-        """End the doubt of settled axes; the errors of those that were right return."""
+        """End the doubt about settled axes; restore the errors of confirmed estimates."""
         is_returned = is_settled & were_right
         first = len(self._values) - len(self._left_out)
         for number, left_out in enumerate(self._left_out):
@@ -46,7 +46,7 @@ class Positions:
             self._left_out[number] = np.where(is_settled, 0.0, left_out)
 
     def decided(self, before: float) -> Iterator[tuple[float, np.ndarray]]:
-        """Yield each position with an earlier stamp [s] once, in their order."""
+        """Yield each position with an earlier stamp [s] in order, and only once."""
         while (
             self._decided < len(self._stamps) and self._stamps[self._decided] < before
         ):
@@ -54,11 +54,11 @@ class Positions:
             self._decided += 1
 
     def since(self, stamp: float) -> np.ndarray:
-        """Return the positions from a stamp [s] on, shape (axes, number) [m or rad]."""
+        """Return all positions with this or a later stamp [s], shape (axes, number) [m or rad]."""
         return np.array(self._values[bisect_left(self._stamps, stamp) :]).T
 
     def forget(self, before: float) -> None:
-        """Delete the positions with an earlier stamp [s]."""
+        """Delete all positions with an earlier stamp [s]."""
         count = bisect_left(self._stamps, before)
         del self._stamps[:count]
         del self._values[:count]

@@ -1,5 +1,5 @@
 """
-Prediction of the disturbance: a learnt continuation of the motion, corrected by tones.
+Prediction of the disturbance: a learnt continuation of the motion plus sinusoidal tones.
 
 Each estimate y(t) of an axis passes through these steps, in the order of the code:
 
@@ -80,7 +80,7 @@ class DisturbancePredictor:
 
     def update(self, stamp: float, values: Pose, variances: Sequence[float]) -> bool:
         """
-        Learn from an estimate; return whether the estimator has stepped.
+        Learn from an estimate; return whether a step of the estimator was detected.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class DisturbancePredictor:
         return tuple(found)
 
     def _start(self, stamp: float, measured: np.ndarray, noise: np.ndarray) -> None:
-        """Start at rest at the measured position, the origin of all stored positions [m, rad]."""
+        """Start at rest at the measured position, which becomes the origin [m, rad]."""
         axes = len(measured)
         self.since = stamp
         self.innovations = noise.copy()
@@ -156,7 +156,7 @@ class DisturbancePredictor:
     def _follow(
         self, stamp: float, interval: float, measured: np.ndarray, noise: np.ndarray
     ) -> bool:
-        """Expect, decide and filter; return whether the estimator has stepped."""
+        """Forecast, decide and filter; return whether a step of the estimator was detected."""
         expected = self._doubt.expected(stamp)
         values = measured - self._origin
         error = values - expected
@@ -182,7 +182,7 @@ class DisturbancePredictor:
     def _end_doubts(
         self, decisions: list[JumpDecision], error: np.ndarray
     ) -> np.ndarray:
-        """Apply decisions that end doubts; return the axes whose estimator has stepped."""
+        """Apply decisions that end doubts; return the axes with a step of the estimator."""
         has_stepped = np.array([one is JumpDecision.STEP for one in decisions])
         were_wrong = np.array([one is JumpDecision.WRONG for one in decisions])
         were_wrong |= has_stepped
@@ -218,7 +218,7 @@ class DisturbancePredictor:
             self._bank.update(interval / steps, between + part, doubted)
 
     def _forecast(self, interval: float, noise: np.ndarray) -> None:
-        """Learn if it is due, forecast the positions, and store the sample for later learning."""
+        """Learn if due, forecast the positions, and store the sample for later learning."""
         learning = self._learning
         wrong = None
         if self._doubt.is_any_doubted:
@@ -252,5 +252,5 @@ class DisturbancePredictor:
 
 
 def _clipped(values: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """Return values within ± bounds; np.clip would take twice as long."""
+    """Return values clipped to ± bounds; np.clip would take twice as long."""
     return np.minimum(np.maximum(values, -bounds), bounds)

@@ -23,7 +23,7 @@ BAND_POINTS = 1000
 
 class Moments(NamedTuple):
     """
-    Second moments under one kind of motion, per unit of its strength.
+    Second moments for one kind of motion, per unit of its strength.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ SWAY_SLOPE = -4.0  # of the position's spectral density
 
 @lru_cache
 def sway_moments() -> Moments:
-    """Return the moments of sways whose acceleration has the variance 1 m²/s⁴."""
+    """Return the moments of sways with an acceleration variance of 1 m²/s⁴."""
     frequencies = np.geomspace(*SWAY_BAND, BAND_POINTS)
     power = frequencies**SWAY_SLOPE * np.gradient(frequencies)
     power /= power @ (2.0 * np.pi * frequencies) ** 4
@@ -60,7 +60,7 @@ NOISE_BAND = (0.0025, 25.0)  # Hz: the passband of the filters
 
 @lru_cache
 def noise_moments() -> Moments:
-    """Return the moments of white noise whose density, variance times interval, is 1 m² s."""
+    """Return the moments of white noise with a density (variance times interval) of 1 m² s."""
     frequencies = np.linspace(*NOISE_BAND, BAND_POINTS)
     power = 2.0 * np.gradient(frequencies)
     return _moments(

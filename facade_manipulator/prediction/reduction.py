@@ -1,4 +1,4 @@
-"""Reduction of forecasts with more acceleration than a gondola can have."""
+"""Reduction of forecasts that contain more acceleration than a gondola can have."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from facade_manipulator.prediction.prior import HORIZONS
 
 class Reduction:
     """
-    Mean position and largest forecast acceleration of each axis.
+    Mean position and maximum forecast acceleration of each axis.
 
     The predictor passes each forecast. A forecast within the maximum acceleration is not changed.
     """
@@ -30,12 +30,12 @@ class Reduction:
         self._bend = np.zeros(axes)  # [m/s² or rad/s²]
 
     def update(self, interval: float, values: np.ndarray) -> None:
-        """Update the mean with positions after an interval [s]."""
+        """Update the mean with positions, after an interval [s]."""
         share = 1.0 - math.exp(-interval / self.MEAN_TIME)
         self._mean = self._mean + share * (values - self._mean)
 
     def reduced(self, interval: float, forecast: np.ndarray) -> np.ndarray:
-        """Return a forecast, shape (axes, HORIZONS), with its share within the maximum."""
+        """Reduce a forecast, shape (axes, HORIZONS), to the permitted acceleration."""
         forgotten = math.exp(-interval / self.BEND_TIME) * self._bend
         self._bend = np.maximum(forgotten, abs(forecast[:, :3] @ self._BEND))
         share = self.MAX_ACCELERATION / np.maximum(self._bend, self.MAX_ACCELERATION)

@@ -1,5 +1,5 @@
 """
-Cubic splines through the positions that a forecast has at the horizons.
+Cubic splines through the positions forecast for the horizons.
 
 The spline is "not-a-knot": a cubic, and a multiple of (t − knot)³ after each knot. It is linear in
 the positions, so that one matrix product gives the coefficients of all axes.
@@ -26,7 +26,7 @@ _CUBIC = [-math.inf] * 4  # the terms 1, t, t², t³ apply everywhere
 
 
 def _matrix() -> np.ndarray:
-    """Return the matrix from positions at the horizons to the coefficients of all pieces."""
+    """Return the matrix that maps positions at the horizons to the coefficients of all pieces."""
     powers = HORIZONS[:, None] ** np.arange(4.0)
 
     # coefficients of 1, t, t², t³ in each term, and the time from which the term applies
@@ -47,14 +47,14 @@ _SPLINE = _matrix()
 
 
 def splines(positions: np.ndarray) -> np.ndarray:
-    """Return the coefficients, shape (..., pieces, 4), of positions, shape (..., HORIZONS)."""
+    """Return spline coefficients, shape (..., pieces, 4), for positions, shape (..., HORIZONS)."""
     shape = (*positions.shape[:-1], len(_KNOTS) + 1, 4)
     return (positions @ _SPLINE).reshape(shape)
 
 
 def motion(pieces: Pieces, t: float) -> tuple[float, float]:
     """
-    Return position and velocity on a spline at a time after the estimate [s].
+    Return position and velocity of a spline at a time after the estimate [s].
 
     Plain numbers are twice as fast as numpy when the caches are cold.
     """

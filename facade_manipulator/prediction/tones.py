@@ -1,5 +1,5 @@
 """
-Fit of sines to the last minute, a much longer time than the memory of the filters.
+Fit of sines to the last minute, which is much longer than the memory of the filters.
 
 Model: y(t) = c + Σ Re A exp(iω t) [m or rad] for times t [s] before now, for each axis separately.
 Gauss-Newton steps improve the last fit: least squares for c, A and changes of ω, then for c and A.
@@ -27,7 +27,7 @@ MOST_TONES = 7  # of an axis: a false tone must leave room for a true tone
 
 class Tones:
     """
-    Sums of sines for several axes.
+    Sum of sines for each axis.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Tones:
         self._amplitudes = np.zeros((axes, MOST_TONES), complex)
 
     def add(self, stamp: float, values: np.ndarray) -> None:
-        """Add a decided position of each axis [m or rad] at a stamp [s]; stamps ascend."""
+        """Add a decided position of each axis [m or rad]; stamps [s] must ascend."""
         if stamp - self._first > self.BLOCK:
             number = self._sum[-1]
             mean = np.append(self._sum[:-1] / number, number)
@@ -72,14 +72,14 @@ class Tones:
         self._sum += (stamp, *values.tolist(), 1.0)
 
     def at(self, stamp: float, ahead: np.ndarray) -> np.ndarray:
-        """Return the positions at times [s] after a stamp [s], shape (axes, times) [m or rad]."""
+        """Return positions at times [s] after a stamp [s], shape (axes, times) [m or rad]."""
         times = (stamp - self._stamps)[:, None] + ahead
         waves = np.exp(1j * times[..., None] * self._frequencies[:, None])
         sums = (waves @ self._amplitudes[..., None])[..., 0]
         return self._constants[:, None] + sums.real
 
     def fit(self, axis: int, variance: float) -> None:
-        """Improve the fit of an axis by one step, for a variance of the estimates [m² or rad²]."""
+        """Improve the fit of an axis by one step for a variance of the estimates [m² or rad²]."""
         stamps, values, sizes = self._blocks[:, (0, 1 + axis, -1)].T
         span = stamps[-1] - stamps[0] if len(stamps) else 0.0
         if span < self.SHORTEST_WINDOW or stamps[-1] == self._stamps[axis]:
@@ -118,7 +118,7 @@ PERIODOGRAM_POINTS = 1024  # of the periodogram
 
 
 class _Window(NamedTuple):
-    """Window of the fit: mean positions [m or rad] at times up to 0 [s]."""
+    """Data of the fit: mean positions [m or rad] at times up to 0 [s]."""
 
     times: np.ndarray
     values: np.ndarray
@@ -130,7 +130,7 @@ class _Window(NamedTuple):
     def fit(
         self, frequencies: np.ndarray, amplitudes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return frequencies [rad/s], amplitudes and constant after one step."""
+        """Return frequencies [rad/s], amplitudes and constant after one fit step."""
         if len(frequencies):
             largest = -MAX_TURN / self.times[0]
             _, amplitudes, changes, _ = self._solve(frequencies, amplitudes)
@@ -150,7 +150,7 @@ class _Window(NamedTuple):
         return frequencies, amplitudes, constant
 
     def _waves(self, frequencies: np.ndarray) -> np.ndarray:
-        """Return exp(iω t) averaged over each block, shape (times, frequencies)."""
+        """Return exp(iω t) averaged over each block of time, shape (times, frequencies)."""
         phases = self.times[:, None] * frequencies
         waves = np.cos(phases) + 1j * np.sin(phases)  # this is faster than exp()
         # The mean of evenly spaced estimates reduces each sine's amplitude.
@@ -161,7 +161,7 @@ class _Window(NamedTuple):
         self, frequencies: np.ndarray, amplitudes: np.ndarray | None = None
     ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
         """
-        Return constant, amplitudes, changes of the frequencies [rad/s], and residual.
+        Return constant, amplitudes, frequency changes [rad/s] and residual.
 
         Without given amplitudes the frequencies do not change.
         """
@@ -185,7 +185,7 @@ class _Window(NamedTuple):
         return found[0], real + 1j * imaginary, found[2 * count + 1 :], residual
 
     def _distinct(self, frequencies: np.ndarray, power: np.ndarray) -> np.ndarray:
-        """Return a mask of the tones above the noise and separate from stronger tones."""
+        """Return a mask of the tones that exceed the noise and are not near stronger tones."""
         apart = -MIN_DISTANCE / self.times[0]
         is_near = np.abs(frequencies[:, None] - frequencies) < apart
         is_weaker = power[:, None] < power
@@ -195,7 +195,7 @@ class _Window(NamedTuple):
         return is_above_noise & is_in_band & ~is_double
 
     def _strongest(self, residual: np.ndarray) -> np.ndarray:
-        """Return the frequency [rad/s] of the strongest tone, empty if it is below the noise."""
+        """Return the frequency of the strongest tone [rad/s]; empty if it is below the noise."""
         span = -self.times[0]
         count = len(residual)
 
