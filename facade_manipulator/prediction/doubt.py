@@ -70,7 +70,7 @@ class Doubt:
 
     def fade(self, mean_interval: float, noise: np.ndarray) -> None:
         """
-        Let a large variance of earlier estimates fade to that of the noise, after an interval [s].
+        Let an increased variance of the estimates fade to the noise variance, for an interval [s].
 
         The prediction of an axis that was unknown is still poor, so that a large error is not a
         jump. After a start the variance of a gondola that already moves fades in the same way.

@@ -1,1 +1,1 @@
-"""Simulated machine and its world. No module of the machine imports this package."""
+"""Simulated machine and its world, which no module of the real machine imports."""

@@ -1,4 +1,4 @@
-"""Simulated world as a node, which follows the carriages and publishes sensor readings."""
+"""Gondola_simulator node: moves a simulated world with the carriages, publishes its sensors."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from facade_manipulator.simulation.world.world import World
 
 
 class GondolaSimulatorNode(BaseNode):
-    """Simulator of gondola, mechanism and wall, which publishes the topics of the scenario."""
+    """Node that simulates gondola, mechanism and wall, and publishes the scenario's topics."""
 
     DELIVERY_PERIOD = 0.005  # s, between two deliveries of measurements
     CARRIAGE_SILENCE = 0.1  # s without joint_states, after which the carriages stop
@@ -106,7 +106,7 @@ class GondolaSimulatorNode(BaseNode):
         output.publish(message)
 
     def _deliver(self) -> None:
-        """Publish the measurements that have arrived; advance a world without drives."""
+        """Publish measurements whose latency has passed; advance a world without drives."""
         now = conversions.ros_time()
         if now - self._world.time > self.CARRIAGE_SILENCE:
             self._advance(now - self.CARRIAGE_SILENCE, self._world.carriages)
@@ -122,7 +122,7 @@ class GondolaSimulatorNode(BaseNode):
             )
 
     def _receive_goal(self, message: PoseStamped) -> None:
-        """Publish the errors of the head from this goal on, if it is inside the workspace."""
+        """Publish head errors from this goal on, if the goal is inside the workspace."""
         goal = planar_messages.pose_in_frame(message, self._frames.facade, 'goal_pose')
         self._mechanism.certify(goal)
         world = self._world
@@ -151,7 +151,7 @@ class GondolaSimulatorNode(BaseNode):
             self._publish_forces()
 
     def _publish_forces(self) -> None:
-        """Publish the wrench on the head, and the forces on the carriages for the drives."""
+        """Publish the wrench on the head, and the carriage forces for the drives."""
         now = self._world.time
         fx, fy, moment = self._world.measure_wrench()
         wrench = WrenchMessage(force=Vector3(x=fx, y=fy), torque=Vector3(z=moment))
@@ -163,7 +163,7 @@ class GondolaSimulatorNode(BaseNode):
         self._publish(name, now, name=AXIS_NAMES, effort=forces)
 
     def _advance(self, until: float, carriages: Carriages) -> None:
-        """Advance the world towards a time [s], with its carriages towards positions [m]."""
+        """Advance the world towards a time [s], and its carriages towards positions [m]."""
         world = self._world
         here = np.array(world.carriages)
         end = min(until, world.time + self.LONGEST_ADVANCE)
@@ -172,7 +172,7 @@ class GondolaSimulatorNode(BaseNode):
 
 
 def open_viewer(world: World) -> Any:
-    """Return MuJoCo's viewer of a world, which draws in a separate thread."""
+    """Open MuJoCo's viewer of a world in a separate thread, and return it."""
     if not os.environ.get('DISPLAY') and not os.environ.get('WAYLAND_DISPLAY'):
         raise ParameterError(
             'viewer rejected: this computer has no display (DISPLAY and WAYLAND_DISPLAY are not '
@@ -190,7 +190,7 @@ NO_ORIENTATION = np.array((-1.0, *[0.0] * 8))
 
 
 def raw_fields(name: str, *values: float) -> dict[str, Any]:
-    """Return the fields of a raw sensor's message: inertial sensor, camera or distance sensor."""
+    """Return the message fields of a raw sensor: inertial sensor, camera or distance sensor."""
     if name == topics.FIX_X.name:
         return {'point': Point(x=values[0])}
     if name != topics.IMU.name:

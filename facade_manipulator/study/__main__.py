@@ -48,7 +48,7 @@ WIDTH = 120  # columns of a table if the output is not a terminal
 
 
 def _run(options: argparse.Namespace) -> None:
-    """Check the input, then compute, print and write the chosen parts."""
+    """Check the options; compute, print and write the selected parts."""
     parts = [name for name in PARTS if getattr(options, name) is not None]
     if not parts and options.figures is None:
         parts = list(PARTS)

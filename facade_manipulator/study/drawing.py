@@ -1,5 +1,5 @@
 """
-Style, colours and the mechanism in plan view, for every figure of the study.
+Style, colours and plan view of the mechanism, shared by all figures.
 
 Only the figures import this module, because it imports matplotlib, which no node needs.
 """
@@ -49,19 +49,19 @@ STYLE = {
 
 
 def figure(width: float, height: float, title: str) -> Figure:
-    """Return an empty figure of a size in inches under a title."""
+    """Return an empty figure with a size in inches and a title."""
     made = Figure(figsize=(width, height), layout='constrained')
     made.suptitle(title, fontsize=11.0, fontweight='bold')
     return made
 
 
 def label(axes: Axes, x: str, y: str, title: str = '') -> None:
-    """Set the title of a plot and the names of both axes, with units."""
+    """Set the title of a plot, and the names and units of both axes."""
     axes.set(xlabel=x, ylabel=y, title=title)
 
 
 def plan_view(axes: Axes, x: float, y: tuple[float, float], title: str) -> None:
-    """Prepare a plan view of the mechanism from -x to x [mm], with equal scales on both axes."""
+    """Prepare a plan view of the mechanism from -x to x [mm] with equal axis scales."""
     axes.set(xlim=(-x, x), ylim=y, aspect='equal')
     label(axes, X_LABEL, Y_LABEL, title)
 
@@ -69,7 +69,7 @@ def plan_view(axes: Axes, x: float, y: tuple[float, float], title: str) -> None:
 def joints_in_mode(
     geometry: Geometry, pose: Pose, mode: str = MACHINE_MODE
 ) -> dict[str, np.ndarray]:
-    """Return the joints by name [m] in a working mode of eqs 7-8."""
+    """Return the joint positions [m] by name, in a working mode of eqs 7-8."""
     # the far edge itself is out of reach
     inside = pose._replace(y=(1.0 - 1e-12) * pose.y)
     at = {}
@@ -98,7 +98,7 @@ def draw_mechanism(
     rail: Pose = ZERO_POSE,
     has_names: bool = False,
 ) -> None:
-    """Draw rail, carriages, links and platform of a pose [mm], with the rail itself at a pose."""
+    """Draw rail, carriages, links and platform at a pose [mm], on a rail at a pose."""
     on_rail = joints_in_mode(geometry, pose, mode)
     carriages = [on_rail[name][0] for name in ('a1', 'a2', 'a3')]
     ends = [*geometry.stroke, *carriages]
@@ -119,7 +119,7 @@ def draw_mechanism(
 
 
 def _placed(rail: Pose, point: Iterable[float]) -> np.ndarray:
-    """Return a point of the rail's frame [m] in that of the drawing [mm]."""
+    """Transform a point from the rail's frame [m] to the drawing's frame [mm]."""
     x, y = point
     place = compose(rail, Pose(x, y, 0.0))
     return MM * np.array(place[:2])
@@ -144,7 +144,7 @@ NAMES = {  # offset [points] and alignment of labels, which do not overlap where
 
 
 def _draw_name(axes: Axes, name: str, place: np.ndarray) -> None:
-    """Draw the name of a joint beside its place [mm]."""
+    """Draw the name of a joint next to its position [mm]."""
     right, up, alignment = NAMES[name]
     is_behind_rail = place[1] < 0.0 < up
     axes.annotate(
@@ -158,7 +158,7 @@ def _draw_name(axes: Axes, name: str, place: np.ndarray) -> None:
 
 
 def draw_lines_of_force(axes: Axes, geometry: Geometry, pose: Pose) -> None:
-    """Draw the lines of both links and the parallel to the rail through P, which meet at N = 0."""
+    """Draw the lines of both links, and the parallel to the rail through P; they meet at N = 0."""
     at = joints_in_mode(geometry, pose)
     direction = at['b1'] - at['a1']
     meeting = at['a1'] + pose.y / at['b1'][1] * direction

@@ -37,7 +37,7 @@ EXAMPLE = (0.25, 0.45)  # l and b of Figures 6 and 7 [m]
 
 
 def figure_6(study: Study) -> Figure:
-    """Draw the workspace of the example of the paper and of the design."""
+    """Draw the workspace of the paper's example and of the design."""
     stroke = study.geometry.stroke_length
     title = f'Figure 6: workspace over x, y and θ, Q = {stroke * 1e3:g} mm'
     made = drawing.figure(10.0, 4.6, title)
@@ -73,7 +73,7 @@ def figure_7(study: Study) -> Figure:
 
 
 def figure_8(study: Study) -> Figure:
-    """Draw the section θ = 0 of the cases of Table 2, with the union over θ around it."""
+    """Draw the section θ = 0 for the cases of Table 2, inside the union over all θ."""
     stroke = study.geometry.stroke_length
     unit = study.good.characteristic_length
     title = f'Figure 8: workspace of the cases of Table 2, Q = {stroke * 1e3:g} mm'
@@ -106,7 +106,7 @@ def figure_8(study: Study) -> Figure:
 
 
 def figure_9(study: Study) -> Figure:
-    """Draw the conditioning index of the design over (x, y) and over (θ, y), in two units."""
+    """Draw the design's conditioning index over (x, y) and (θ, y), for two units of length."""
     geometry = study.geometry
     made = drawing.figure(10.0, 6.2, study.title('Figure 9: conditioning'))
     grid = made.subplots(2, 2, width_ratios=(1.35, 1.0))
@@ -138,7 +138,7 @@ def figure_9(study: Study) -> Figure:
 def _turn_map(
     geometry: Geometry, characteristic_length: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return θ [deg], y [mm] and the index over them, NaN out of reach or beyond N = 0."""
+    """Return θ [deg], y [mm] and their index; NaN if out of reach or beyond N = 0."""
     y = np.linspace(1e-6, geometry.link_length, 700)
     end = 1.05 * np.nanmax(theta_bounds(geometry, y))
     theta = np.linspace(-end, end, 701)
@@ -152,7 +152,7 @@ MACHINE_GAP = 0.02  # m
 
 
 def figure_11(study: Study) -> Figure:
-    """Draw extremes and ranges over the distance from the rail, with and without a gap."""
+    """Draw extremes and ranges over the distance from the rail, with and without carriage gap."""
     made = drawing.figure(10.0, 5.8, study.title('Figure 11: ranges'))
     panels = made.subplot_mosaic([[*'aabbcc'], [*'θθθxxx']], height_ratios=(0.62, 1.0))
     left = panels['θ']
@@ -192,7 +192,7 @@ def _index_label(length: float) -> str:
 def _section_map(
     geometry: Geometry, characteristic_length: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return x, y [mm] and the index over them at θ = 0, NaN out of reach."""
+    """Return x, y [mm] and their index at θ = 0; NaN if out of reach."""
     x = np.linspace(*geometry.stroke, 801)
     y = np.linspace(1e-6, geometry.link_length, 601)
     at = pose_map(geometry, y, 0.0, characteristic_length)
@@ -202,7 +202,7 @@ def _section_map(
 
 
 def _draw_union(axes: Axes, geometry: Geometry) -> None:
-    """Draw the outline of the points that the head reaches at any angle."""
+    """Draw the outline of all points that the head reaches at some angle."""
     y = np.linspace(1e-6, geometry.link_length, 400)[:-1]
     theta = theta_bounds(geometry, y)[:, None] * np.linspace(-1.0, 1.0, 201)
     lower, upper = union_ends(geometry, y[:, None], theta)
@@ -223,7 +223,7 @@ def _draw_union(axes: Axes, geometry: Geometry) -> None:
 
 
 def _draw_loci(axes: Axes, geometry: Geometry) -> None:
-    """Draw the loci of both determinants over (θ, y)."""
+    """Draw the loci where one of both determinants is zero, over (θ, y)."""
     theta = np.radians(np.linspace(-34.0, 34.0, 681))
     angle = np.degrees(theta)
     serial = serial_curve(geometry, theta) * MM
@@ -244,7 +244,7 @@ ROWS = 70  # of y in Figure 6
 
 
 def _draw_slices(axes: Any, geometry: Geometry, scale: Normalize) -> None:
-    """Draw the slices of a workspace at several angles, coloured by their conditioning index."""
+    """Draw slices of a workspace at several angles, coloured by conditioning."""
     y = np.linspace(1e-6, geometry.link_length, ROWS)[:, None]
     end = np.nanmax(theta_bounds(geometry, y))
     # upwards, so that each covers the lower ones

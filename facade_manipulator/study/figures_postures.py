@@ -1,4 +1,4 @@
-"""Figures of the paper that show the mechanism: motions, modes, extremes, compensation."""
+"""Figures of the mechanism in the paper: motions, modes, extremes and compensation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PART = 0.6  # share of the distance to a limit at which Figure 3 shows a motion
 
 
 def figure_3(study: Study) -> Figure:
-    """Draw the motions of the carriages that move the head along x and y and turn it."""
+    """Draw the carriage motions that move the head along x and y and rotate it."""
     made = drawing.figure(10.0, 2.5, study.title('Figure 3 b: motions of the head'))
     turned, far, aside = extremes(study.geometry)
     rest = Pose(0.0, turned.y, 0.0)
@@ -50,7 +50,7 @@ MODES = ('++', '-+', '+-', '--')  # in the order of Figure 5
 
 
 def figure_5(study: Study) -> Figure:
-    """Draw the working modes of one pose, with the length of rail that each mode needs."""
+    """Draw the working modes for one pose, with the rail length that each mode needs."""
     made = drawing.figure(10.0, 4.6, study.title('Figure 5: working modes'))
     turned, *_ = extremes(study.geometry)
     pose = Pose(0.0, turned.y, 0.5 * turned.theta)
@@ -76,7 +76,7 @@ HEAD_TO_WALL = 40.0  # mm, as drawn
 
 
 def figure_12(study: Study) -> Figure:
-    """Draw the compensation: the head stays in place on the wall while the rail is displaced."""
+    """Draw the compensation: the head remains in place on the wall while the rail moves."""
     title = 'Figures 2 and 12: with and without (pale) compensation'
     made = drawing.figure(10.0, 2.6, title)
     home = kinematics.forward_kinematics(study.geometry, HOME_POSITIONS)
@@ -99,7 +99,7 @@ def figure_12(study: Study) -> Figure:
 
 
 def draw_extremes(grid: list[Axes], geometry: Geometry) -> None:
-    """Draw the maximum rotation and displacements of the head, in front of the opposites."""
+    """Draw the head at maximum rotation and displacements, in front of the opposite extremes."""
     turned, far, aside = extremes(geometry)
     angle = degrees(turned.theta)
     panels = (
@@ -129,7 +129,7 @@ INSIDE_LIMIT = 1.0 - 1e-9  # share of a limit: rounding may put the limit itself
 
 def extremes(geometry: Geometry) -> tuple[Pose, Pose, Pose]:
     """
-    Return three extreme poses of the head [m, m, rad], by `INSIDE` inside the workspace.
+    Return three extreme head poses [m, m, rad], inside the workspace by `INSIDE`.
 
     They have the maximum θ, the maximum y at θ = 0, and the maximum x at θ = 0, which is at the
     minimum y. The first two have the x that is the nearest to 0.
@@ -147,7 +147,7 @@ def extremes(geometry: Geometry) -> tuple[Pose, Pose, Pose]:
 
 
 def _nearest_x(geometry: Geometry, y: float, theta: float) -> float:
-    """Return the reachable x that is the nearest to 0 [m]."""
+    """Return the reachable x nearest to 0 [m]."""
     at = pose_map(geometry, y, theta)
     return float(np.clip(0.0, at.lower[0], at.upper[0]))
 

@@ -1,5 +1,5 @@
 """
-Optimum of section IV-C: a sweep of l and b over Table 1, on any executor.
+Optimum of section IV-C: a sweep of l and b over Table 1, with any executor.
 
 The paper keeps l + b = 700 mm without stating it and gives 352/348 mm. Along this line the areas
 peak at l = b, and the ratio peaks 1 mm before.
@@ -33,7 +33,7 @@ Lengths = tuple[float, float]  # l and b [m]
 
 
 class Merit(NamedTuple):
-    """Merits of a design, and the share of its volume beyond N = 0."""
+    """Merits of a design, and the share of its workspace volume beyond N = 0."""
 
     link_length: float  #: m
     platform_half_length: float  #: m
@@ -50,7 +50,7 @@ OBJECTIVES = {'area': 'm2', 'good_area': 'm2', 'volume': 'm2 rad', 'ratio': ''}
 
 def designs(length_sum: float = LENGTH_SUM, step: float = SWEEP_STEP) -> list[Lengths]:
     """
-    Return the designs of Table 1 in steps [m] with a given l + b [m]; 0 means every sum.
+    Return the designs of Table 1 in steps [m] with a given l + b [m]; 0 means any sum.
 
     Raises a ParameterError if Table 1 contains no design with this sum.
     """
@@ -73,7 +73,7 @@ def designs(length_sum: float = LENGTH_SUM, step: float = SWEEP_STEP) -> list[Le
 
 
 def _steps(ends: tuple[float, float], step: float) -> list[float]:
-    """Return the lengths from the first to the last in steps [m]."""
+    """Return lengths from the first to the last in equal steps [m]."""
     lower, upper = ends
     lengths: list[float] = np.round(
         np.arange(lower, upper + LENGTH_ROUNDING, step), 9
@@ -86,7 +86,7 @@ SWEEP_CELLS = 128
 
 
 def evaluate(lengths: Lengths, like: Geometry, good: Good) -> Merit:
-    """Return the merits of a design on the rail of another design; a worker process calls it."""
+    """Return the merits of a design with the rail of another design; runs in a worker process."""
     length, half = lengths
     geometry = replace(like, link_length=length, platform_half_length=half)
     volume, *shares = measure(geometry, good, SWEEP_CELLS)
@@ -112,7 +112,7 @@ def sweep(
     executor: futures.Executor,
     progress: Callable[[Iterable[Any], int], Iterable[Any]] = lambda done, total: done,
 ) -> list[Merit]:
-    """Return the merits of designs, computed by an executor; `progress` counts the designs."""
+    """Compute and return the merits of designs with an executor; `progress` counts the designs."""
     merits = executor.map(
         partial(evaluate, like=like, good=good), chosen, chunksize=CHUNK
     )
@@ -121,7 +121,7 @@ def sweep(
 
 def best(merits: list[Merit], objectives: Iterable[str]) -> list[dict[str, Any]]:
     """
-    Return the best designs for each objective, for JSON: first with l ≥ b, then of all designs.
+    Return the best designs for each objective, for JSON: with l ≥ b first, then of all.
 
     A workspace with l ≥ b has no pose beyond N = 0.
     """
@@ -147,7 +147,7 @@ CONNECTION_TIMEOUT = 10.0  # s
 @contextmanager
 def executor_of(scheduler: str | None) -> Iterator[futures.Executor]:
     """
-    Yield the executor of a scheduler of dask.distributed, or one process for each processor.
+    Yield the executor of a dask.distributed scheduler, or of one process per processor.
 
     When the block ends in an error, pending tasks are cancelled. Raises a ManipulatorError if the
     scheduler does not answer, or if processes die and their work is lost.
@@ -189,7 +189,7 @@ PR_SET_PDEATHSIG = 1
 
 
 def _begin_process(parent: int) -> None:
-    """Ignore Ctrl-C in a worker process, and end the worker when its parent ends."""
+    """Ignore Ctrl-C in a worker process; end the worker when its parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:

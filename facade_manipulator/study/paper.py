@@ -34,7 +34,7 @@ STROKE_LENGTH = 1.005
 
 
 class Case(NamedTuple):
-    """A row of Table 2 as printed: lengths [m], areas [m²], ratio."""
+    """A row of Table 2 as printed in the paper: lengths [m], areas [m²], ratio."""
 
     link_length: float
     platform_half_length: float
@@ -55,7 +55,7 @@ CASES = (
 def design(
     length: float, half: float, stroke_length: float = STROKE_LENGTH, gap: float = 0.0
 ) -> Geometry:
-    """Return a design with its stroke about zero, by default with carriages of width 0 [m]."""
+    """Return a design with a stroke centred on zero; by default, carriages have no width [m]."""
     stroke = (-0.5 * stroke_length, 0.5 * stroke_length)
     return Geometry(length, half, stroke, gap)
 
@@ -65,7 +65,7 @@ GRID_TURN = float(np.radians(1.0))  # of the grid of θ
 
 
 def ratio_on_grid(geometry: Geometry, good: Good = PAPER_GOOD) -> float:
-    """Return the good share of the workspace on the grid of the paper; NaN if it is empty."""
+    """Return the share of good poses on the grid of the paper; NaN for an empty workspace."""
     # Rounded, so that 352 times 0.001 is exactly the length of the link, 0.352.
     y = np.round(np.arange(GRID_STEP, geometry.link_length + 1e-9, GRID_STEP), 12)[
         :, None

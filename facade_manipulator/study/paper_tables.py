@@ -1,4 +1,4 @@
-"""Tables of the study, each with its numbers for JSON and its form for a terminal."""
+"""Tables of the study, each as values for JSON and as text for a terminal."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ Part = tuple[str, Any, Table]
 
 
 class Study(NamedTuple):
-    """Subject of the study: a design, and the definition of a good pose."""
+    """Subject of the study: a design, and the criterion for a good pose."""
 
     geometry: Geometry
     good: Good = PAPER_GOOD
 
     def title(self, subject: str) -> str:
-        """Return a title with the lengths of the design."""
+        """Return a title that contains the lengths of the design."""
         stroke = _mm(self.geometry.stroke_length)
         gap = _mm(self.geometry.carriage_gap)
         return f'{subject}, {lengths(self.geometry)}, Q = {stroke} mm, gap {gap} mm'
 
 
 class Quantity(NamedTuple):
-    """Row of the summary."""
+    """One row of the summary."""
 
     key: str  #: of the JSON file
     words: str
@@ -47,14 +47,14 @@ class Quantity(NamedTuple):
 
 
 def lengths(geometry: Geometry) -> str:
-    """Return the lengths of the links and of half the platform, for a title."""
+    """Return the lengths of links and half platform as text for a title."""
     length = _mm(geometry.link_length)
     half = _mm(geometry.platform_half_length)
     return f'l = {length} mm, b = {half} mm'
 
 
 def progress(items: Iterable[Any], total: int, title: str = 'designs') -> Iterable[Any]:
-    """Yield items with a progress bar on standard error, if this is a terminal."""
+    """Yield items with a progress bar on standard error if it is a terminal."""
     console = Console(stderr=True)
     return track(
         items,
@@ -86,7 +86,7 @@ CASE_COLUMNS = (
 
 
 def table_of_cases(study: Study, options: argparse.Namespace) -> Part:
-    """Print the computed Table 2 beside the numbers of the paper."""
+    """Print the computed Table 2 next to the values of the paper."""
     stroke = study.geometry.stroke_length
     rows = paper.table2(stroke)
     title = f'Table 2 with Q = {_mm(stroke)} mm: good-condition ratio and areas [m2]'
@@ -95,7 +95,7 @@ def table_of_cases(study: Study, options: argparse.Namespace) -> Part:
 
 
 def _case(row: dict[str, Any]) -> tuple[str, ...]:
-    """Return the cells of a row of Table 2."""
+    """Return the cells for a row of Table 2."""
     ratio = row['ratio']
     printed = row['paper']
     ratios = (
@@ -177,7 +177,7 @@ def ranges(study: Study, options: argparse.Namespace) -> Part:
 
 
 def _every_centimetre(lower: float, upper: float) -> list[float]:
-    """Return the multiples of 0.01 m between two places [m]."""
+    """Return the multiples of 0.01 m between two values [m]."""
     places = []
     for number in range(int(100.0 * upper) + 1):
         place = number / 100.0
@@ -227,7 +227,7 @@ OPTIMUM_COLUMNS = (
 
 
 def optima(study: Study, options: argparse.Namespace) -> Part:
-    """Print the best design of a sweep of l and b for every objective."""
+    """Print the best design of a sweep of l and b for each objective."""
     geometry, good = study
     designs = optimum.designs(options.sum, options.step)
     with optimum.executor_of(options.scheduler) as executor:
@@ -267,7 +267,7 @@ def _table(
     rows: Iterable[Sequence[str]],
     caption: str | None = None,
 ) -> Table:
-    """Return a table for the terminal, with words to the left and numbers to the right."""
+    """Return a table for the terminal; align words left and numbers right."""
     # Texts instead of plain strings, because rich would interpret the units as its markup.
     made = Table(
         title=Text(title, no_wrap=True, overflow='ignore'),

@@ -1,5 +1,5 @@
 """
-Singular loci: the far edge det A = 0, and det B = 0 inside the workspace, which the paper misses.
+Singular loci: far edge det A = 0; det B = 0 inside the workspace, missing in the paper.
 
 det A = 4 s1 s2 vanishes where a link is square to the rail, y = l − b |sin θ| (case c of
 Figure 7). det B = −4 b N vanishes where the lines of both links and the parallel to the rail
@@ -19,7 +19,7 @@ from facade_manipulator.study.workspace_metrics import bisect
 
 
 def serial_curve(geometry: Geometry, theta: np.ndarray) -> np.ndarray:
-    """Return the y of det A = 0 at every θ [m], NaN where the links do not reach the platform."""
+    """Return the y with det A = 0 for every θ [m]; NaN if the links do not reach the platform."""
     y = geometry.link_length - geometry.platform_half_length * np.abs(np.sin(theta))
     return np.where(y > 0.0, y, np.nan)
 
@@ -31,7 +31,7 @@ def parallel_curves(
     geometry: Geometry, theta: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the y > 0 of det B = 0 at every θ [m], exact to rounding, NaN where none exists.
+    Return all y > 0 with det B = 0 for every θ [m], exact to rounding; NaN if none exists.
 
     The first curve bounds N > 0 towards the rail. The second curve bounds N > 0 towards the
     façade, near the far edge, at angles where one joint of the platform is behind the rail.
@@ -57,7 +57,7 @@ def parallel_curves(
 
 
 def configurations(geometry: Geometry) -> dict[str, Pose]:
-    """Return the cases of Figure 7 for l < b, and the singularity that the paper misses."""
+    """Return the cases of Figure 7 for l < b, and the singularity missing in the paper."""
     length = geometry.link_length
     half = geometry.platform_half_length
     in_line = radians(15.0)

@@ -1,5 +1,5 @@
 """
-Workspace from exact intervals: ranges, areas, volume and good-condition share.
+Workspace metrics from exact intervals: ranges, areas, volume and share of good poses.
 
 At fixed (y, θ) the reachable x are one interval (`kinematics.maps.x_intervals`), and neither the
 conditioning index nor N depends on x. At fixed y the reachable θ are one interval about zero. With
@@ -22,7 +22,7 @@ from facade_manipulator.kinematics.maps import number_at
 
 
 class Good(NamedTuple):
-    """Definition of a good pose (section IV-B): the minimum index and its unit of length [m]."""
+    """Criterion for a good pose (section IV-B): minimum index, and its unit of length [m]."""
 
     threshold: float = 0.001
     characteristic_length: float = 0.001  # the paper's lengths are in mm
@@ -32,7 +32,7 @@ PAPER_GOOD = Good()
 
 
 class Workspace(NamedTuple):
-    """Volume over (x, y, θ), both signs of θ [m² rad]; its shares: good, and beyond N = 0."""
+    """Volume over (x, y, θ) with both signs of θ [m² rad]; shares of it: good, beyond N = 0."""
 
     volume: float
     ratio: float  #: this and the next share are NaN if the workspace is empty
@@ -40,14 +40,14 @@ class Workspace(NamedTuple):
 
 
 def y_range(geometry: Geometry) -> tuple[float, float]:
-    """Return the minimum and maximum y at θ = 0 on a rail of any length [m]."""
+    """Return the minimum and maximum y [m] at θ = 0 on a rail of unlimited length."""
     length = geometry.link_length
     room = geometry.platform_half_length - geometry.carriage_gap
     return sqrt(max(0.0, length * length - room * room)), length
 
 
 def theta_limits(geometry: Geometry, y: np.ndarray) -> np.ndarray:
-    """Return the maximum ``|θ|`` before N = 0 at every y [rad], 0 where θ = 0 is not reachable."""
+    """Return the maximum ``|θ|`` [rad] before N = 0 for every y; 0 if θ = 0 is unreachable."""
     bound = np.nan_to_num(theta_bounds(geometry, y))
     regular = number_at(geometry, y, bound) > 0.0
     # N > 0 for every θ at which no joint of the platform is behind the rail.
@@ -62,7 +62,7 @@ def theta_limits(geometry: Geometry, y: np.ndarray) -> np.ndarray:
 
 def theta_bounds(geometry: Geometry, y: np.ndarray) -> np.ndarray:
     """
-    Return the maximum ``|θ|`` from order, gap and reach at every y > 0 [rad].
+    Return the maximum ``|θ|`` [rad] from order, gap and reach for every y > 0.
 
     NaN where θ = 0 is not reachable. `theta_limits` also respects N = 0, which matters for links
     shorter than b.
@@ -73,7 +73,7 @@ def theta_bounds(geometry: Geometry, y: np.ndarray) -> np.ndarray:
 
 def _theta_intervals(geometry: Geometry, y: np.ndarray) -> list[list[np.ndarray]]:
     """
-    Return the intervals of θ ≥ 0 [rad] that order, gap and reach leave at every y > 0.
+    Return the intervals of θ ≥ 0 [rad] that satisfy order, gap and reach, for every y > 0.
 
     The order requires sin(θ + φ) ≤ h/r, so θ has an upper bound or, beyond N = 0, a lower bound.
     The second interval exists only with a gap and links shorter than b, and only where h < r.
@@ -100,7 +100,7 @@ SEARCH = 2001  # samples of y for the peak of θ, then of ever shorter ranges ab
 
 
 def theta_peak(geometry: Geometry) -> tuple[float, float]:
-    """Return the y [m] with the largest of the `theta_limits`, and the angle [rad] there."""
+    """Return the y [m] with the largest of the `theta_limits`, and its angle [rad]."""
     y = np.linspace(*y_range(geometry), SEARCH)[1:]
     for _ in range(4):
         theta = theta_limits(geometry, y)
@@ -114,7 +114,7 @@ def theta_peak(geometry: Geometry) -> tuple[float, float]:
 
 def section_bounds(geometry: Geometry, good: Good | None = None) -> tuple[float, float]:
     """
-    Return the bounds of y between which some x is reachable at θ = 0 [m]; equal if none is.
+    Return minimum and maximum y [m] with a reachable x at θ = 0; equal if there is none.
 
     With a definition of `good`, all poses of this section are good. At θ = 0 both links have the
     projection s = √(l² − y²), and the index is a function of only τ = y²/s²::
@@ -140,7 +140,7 @@ def section_bounds(geometry: Geometry, good: Good | None = None) -> tuple[float,
 
 def _good_roots(ratio: float, threshold: float) -> tuple[float, float] | None:
     """
-    Return the τ at which the index reaches the threshold; None if no τ has this index.
+    Return the τ at which the index equals the threshold; None if there is none.
 
     They are the roots of a τ² + b τ + c.
     """
@@ -158,7 +158,7 @@ def _good_roots(ratio: float, threshold: float) -> tuple[float, float] | None:
 
 
 def section_area(geometry: Geometry, good: Good | None = None) -> float:
-    """Return the area between `section_bounds` at θ = 0 [m²]: ∫ (Q − 2 b + 2 √(l² − y²)) dy."""
+    """Return the area within `section_bounds` at θ = 0 [m²]: ∫ (Q − 2 b + 2 √(l² − y²)) dy."""
     lower, upper = section_bounds(geometry, good)
     length = geometry.link_length
 
@@ -180,7 +180,7 @@ def measure(
     geometry: Geometry, good: Good = PAPER_GOOD, cells: int = CELLS
 ) -> Workspace:
     """
-    Measure the workspace from reach, order, gap and stroke, poses beyond N = 0 included.
+    Measure the workspace from reach, order, gap and stroke, including poses beyond N = 0.
 
     An index or N that passes its bound within a cell of θ divides this cell in proportion.
     """
@@ -215,7 +215,7 @@ def measure(
 
 
 def _share_above(values: np.ndarray) -> np.ndarray:
-    """Return the share of every cell in which a value, given at its edges, is positive."""
+    """Return the share of every cell in which a value, given at the cell edges, is positive."""
     high = np.maximum(values[:, :-1], values[:, 1:])
     low = np.minimum(values[:, :-1], values[:, 1:])
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -229,7 +229,7 @@ UNION_THETA = 257
 
 def union_area(geometry: Geometry) -> float:
     """
-    Return the area of all (x, y) that the head reaches at any θ [m²].
+    Return the area of all points (x, y) that the head reaches at some θ [m²].
 
     At fixed y the intervals of neighbouring θ overlap. The intervals of one sign of θ form one
     interval.
@@ -247,13 +247,13 @@ def union_area(geometry: Geometry) -> float:
 def union_ends(
     geometry: Geometry, y: np.ndarray, theta: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ends of the union of x-intervals over the angles of each row; NaN where empty."""
+    """Return the ends of the union of x-intervals over the angles of each row; NaN if empty."""
     lower, upper = maps.x_intervals(geometry, y, theta)
     return np.fmin.reduce(lower, axis=1), np.fmax.reduce(upper, axis=1)
 
 
 def _nodes(lower: float, upper: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return places and weights of an integral, dense at the ends, where integrands have roots."""
+    """Return nodes and weights of an integral, dense at both ends, where integrands have roots."""
     angle = 0.5 * np.pi * (np.arange(count) + 0.5) / count
     size = upper - lower
     weight = 0.5 * np.pi / count * size * np.sin(2.0 * angle)
@@ -264,7 +264,7 @@ BISECTIONS = 60  # iterations from any interval to the resolution of a double
 
 
 def bisect(function: Callable[[Any], Any], negative: Any, positive: Any) -> Any:
-    """Return the roots of a function between arguments where it is negative and positive."""
+    """Return the roots of a function between negative and positive arguments by bisection."""
     for _ in range(BISECTIONS):
         middle = 0.5 * (negative + positive)
         is_above = function(middle) > 0.0

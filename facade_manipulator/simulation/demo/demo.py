@@ -1,5 +1,5 @@
 """
-Demo of the whole stack on one computer: real nodes, simulated drives, a swaying gondola.
+Demo of the whole stack on one computer: real nodes, simulated drives and a swaying gondola.
 
 The demo acts as the supervisor of a cleaning robot. It configures, homes and activates the drives
 through the nodes' services and sends cleaning strokes. At its end, the demo first ends the nodes,
@@ -46,7 +46,7 @@ say = partial(print, sep='\n', flush=True)
 
 
 class Demo:
-    """Run of the demo: start the nodes, send strokes, end the nodes, report."""
+    """Run of the demo: starts the nodes, sends goals, ends the nodes and reports the result."""
 
     NAMESPACE = 'demo'
     RECORDED = (
@@ -118,7 +118,7 @@ class Demo:
         )
 
     def run(self) -> None:
-        """Run to the end; in every case stop the drives and end the nodes."""
+        """Run the demo to its end; stop the drives and end the nodes even after an error."""
         handle_signals(signal.default_int_handler)
         try:
             self.start_nodes()
@@ -142,7 +142,7 @@ class Demo:
         self.report(demo_report.Run(self.tables, self.scenario))
 
     def start_nodes(self) -> None:
-        """Start the nodes with the parameters of the scenario."""
+        """Start all nodes with the parameters of the scenario."""
         say(self.scenario.description)
         for name in self.RESULTS:
             # files of an earlier run would mislead
@@ -168,7 +168,7 @@ class Demo:
                 )
 
     def write_parameters(self) -> Path:
-        """Return the parameter file of the scenario, because `-p` overrules no file."""
+        """Write and return the scenario's parameter file, because `-p` does not override files."""
         content = simulation_parameters(
             self.options.scenario, viewer=self.options.viewer
         )
@@ -177,7 +177,7 @@ class Demo:
         return path
 
     def watch(self) -> None:
-        """Receive messages and check the nodes; called while the demo waits."""
+        """Receive messages and check that the nodes run; called while the demo waits."""
         take_waiting(self.recorder)
         for name, process in self.nodes.items():
             if process.poll() is not None:
@@ -185,7 +185,7 @@ class Demo:
 
     def send_goals(self) -> None:
         """
-        Send the goals of the mission at their times, then wait for the last counters.
+        Send the goals of the mission when they are due, then wait for the last counters.
 
         A goal is sent if it differs from the last goal; `send_goal` waits until the compensator
         reports it. Prints a line each second. Raises a ManipulatorError if the drives or a node
@@ -210,7 +210,7 @@ class Demo:
             time.sleep(self.CHECK_PERIOD)
 
     def say_progress(self, elapsed: float) -> None:
-        """Print the states, the newest errors and the counters at a time since the begin [s]."""
+        """Print states, newest errors and counters at a time since the start [s]."""
         figures = ['error not measured yet']
         newest = [list(table)[-self.LINE_SAMPLES :] for table in self.tables]
         with suppress(ManipulatorError):
@@ -225,7 +225,7 @@ class Demo:
         )
 
     def end_nodes(self) -> None:
-        """End the nodes, including the driver and its drives; kill nodes that do not end."""
+        """End the nodes, including driver and drives; kill each node that does not end."""
         say('stopping the drives, ending the nodes')
         self.client.close()
         rclpy.try_shutdown()
@@ -239,7 +239,7 @@ class Demo:
             say(self.last_line('driver'))
 
     def write_summary(self, run: demo_report.Run, counters: dict[str, int]) -> None:
-        """Write the figures of a run for programs."""
+        """Write the results of a run in a machine-readable file."""
         names = ('disturbance_rms', 'residual_rms', 'attenuation_db')
         axes = {}
         for (axis, *_), figures in zip(POSE_AXES, run.rms.tolist(), strict=True):
@@ -254,7 +254,7 @@ class Demo:
         (self.output / 'summary.json').write_text(f'{text}\n')
 
     def report(self, run: demo_report.Run) -> None:
-        """Print and draw the run; raises a ManipulatorError if a result is below its limit."""
+        """Print and plot the results; raise a ManipulatorError if a requirement is not met."""
         counters = self.counters()
         self.write_summary(run, counters)
 
@@ -280,12 +280,12 @@ class Demo:
             )
 
     def keep_components(self, message: Any) -> None:
-        """Store the components of a node by their names without the namespace."""
+        """Store the components of a node by name, without its namespace."""
         for component in message.status:
             self.components[component.name.partition('/')[2]] = component
 
     def counters(self) -> dict[str, int]:
-        """Return the counters of the summary."""
+        """Return the counters for the summary."""
         counters = {}
         for name, (component, key) in self.COUNTERS.items():
             values = planar_messages.status_values(self.components[component])
@@ -294,7 +294,7 @@ class Demo:
 
     @property
     def priority(self) -> int:
-        """Return the real-time priority of the control loop, 0 for none."""
+        """Return the real-time priority of the control loop; 0 without real-time scheduling."""
         return int(
             planar_messages.status_values(self.components[self.BUS]).get(
                 self.PRIORITY, 0
@@ -303,18 +303,18 @@ class Demo:
 
     @property
     def scheduling(self) -> str:
-        """Return the scheduling of the control loop in words."""
+        """Describe the scheduling of the control loop."""
         if self.priority:
             return f'real-time priority {self.priority} of the control loop'
         return f'no real-time priority; {PERMIT_PRIORITY}'
 
     def last_line(self, name: str) -> str:
-        """Return the last line of a node's log."""
+        """Return the last line of a node's log file."""
         return (self.output / f'{name}.log').read_text().strip().rpartition('\n')[2]
 
 
 def keep_values(table: deque[tuple[float, ...]], message: Any) -> None:
-    """Store the stamp and the planar values of a message."""
+    """Store stamp and planar values of a message."""
     if hasattr(message, 'pose'):
         values: tuple[float, ...] = planar_messages.planar_pose(message.pose, 'pose')
     else:
@@ -323,7 +323,7 @@ def keep_values(table: deque[tuple[float, ...]], message: Any) -> None:
 
 
 def as_text(counters: dict[str, int]) -> str:
-    """Return counters as text, such as ``5 late cycles, 0 drive faults``."""
+    """Format counters as text, such as ``5 late cycles, 0 drive faults``."""
     text = ', '.join(f'{count} {name}' for name, count in counters.items())
     return text.replace('_', ' ')
 

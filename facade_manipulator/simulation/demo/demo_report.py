@@ -1,4 +1,4 @@
-"""Figures and pictures of a run, and an animation of wall, gondola, mechanism and head."""
+"""Figures of a run, and an animation of wall, gondola, mechanism and head."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Table = Sequence[tuple[float, ...]]
 
 class Run:
     """
-    Samples of a run from its first reference, interpolated between the messages.
+    Samples of a run from its first reference pose on, interpolated between messages.
 
     The tables are those of head, rail, reference, and wrench of the wall on the head. The three
     paths on the wall [m, m, rad] are: a head at rest on the rail at its reference, the head with
@@ -99,7 +99,7 @@ class Run:
 
 
 def draw(run: Run) -> dict[str, bytes]:
-    """Return the pictures and the animation of a run as files by name."""
+    """Return the figures and the animation of a run as file contents by file name."""
     figures = {'errors.png': errors(run)}
     if len(run.forces):
         figures['force.png'] = force(run)
@@ -128,7 +128,7 @@ AMPLIFICATION = (
 
 
 def errors(run: Run) -> Figure:
-    """Draw the errors over time and over frequency."""
+    """Plot the errors over time and over frequency."""
     made = figure(
         13, 9, 'Error of the head on the wall: RMS without → with compensation'
     )
@@ -178,7 +178,7 @@ def errors(run: Run) -> Figure:
 def _running_rms(
     times: np.ndarray, values: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the middles of all intervals of `RMS_TIME`, and the RMS of the values in each."""
+    """Return the midpoints of all intervals of `RMS_TIME`, and the RMS of the values in each."""
     count = min(len(values), round(RMS_TIME * RATE))
     weights = np.full(count, 1.0 / count)
     mean_squares = np.convolve(values**2, weights, 'valid')
@@ -191,7 +191,7 @@ CONTACT_FORCE = 1.0  # N, above which the averaged force is a contact
 
 
 def force(run: Run) -> Figure:
-    """Draw the force on the wall."""
+    """Plot the force on the wall."""
     made = figure(10, 4.5, 'Force of the head on the wall')
     panel = made.subplots()
     forces = np.convolve(run.forces, np.full(READINGS, 1.0 / READINGS), 'valid')
@@ -223,7 +223,7 @@ DURATION = 12.0  # s, of the animation
 
 
 def linkage(run: Run) -> list[Image.Image]:
-    """Draw the frames of an animation of the last seconds of a run."""
+    """Draw the animation frames of the last seconds of a run."""
     made = figure(8, 5.5, 'The head on the wall, seen from above')
     made.set_dpi(80)
     made.set_layout_engine('compressed')
@@ -258,7 +258,7 @@ GONDOLA_SIZE = (1200.0, 120.0)  # mm
 
 def draw_moment(panel: Axes, run: Run, now: int) -> None:
     """
-    Draw wall, gondola, mechanism and paths at a sample; the axes show the whole run.
+    Draw wall, gondola, mechanism and paths at one sample; the axes cover the whole run.
 
     The pale mechanism stands still on the rail, as without compensation.
     """
@@ -317,7 +317,7 @@ def draw_moment(panel: Axes, run: Run, now: int) -> None:
 def _draw_rectangle(
     panel: Axes, corner: Pose, width: float, height: float, **style: Any
 ) -> None:
-    """Draw a rectangle with a corner in frame facade [m, m, rad] and a size [mm]."""
+    """Draw a rectangle of a given size [mm] from a corner pose in frame facade [m, m, rad]."""
     x, y, theta = corner
     angle = math.degrees(theta)
     place = (1e3 * x, 1e3 * y)

@@ -129,7 +129,7 @@ _NEW_SERIALS = (4711, 4712, 4713)
 
 
 def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
-    """Return the drives of the options; raises a ManipulatorError for an option out of range."""
+    """Return the drives for the options; raise a ManipulatorError for an invalid option."""
     settings = ParameterSource(vars(options)).read(SimulationSettings)
     node_ids, *others = (getattr(options, name) for name in _OF_EACH_DRIVE)
     drives = [

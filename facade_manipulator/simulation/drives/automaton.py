@@ -1,5 +1,5 @@
 """
-Finite state automaton of a CiA 402 drive as tables: commands, and transitions by state.
+Finite state automaton of a CiA 402 drive as tables of commands and transitions.
 
 References
 ----------
@@ -40,7 +40,7 @@ _MASKS = {
 
 
 def decode_command(controlword: int) -> Controlword:
-    """Return the command of a controlword."""
+    """Return the command encoded in a controlword."""
     return next(
         command for command, mask in _MASKS.items() if controlword & mask == command
     )

@@ -1,5 +1,5 @@
 """
-Simulated CiA 402 drive on CANopen: frames and time in, frames out, without thread or clock.
+Simulated CiA 402 drive: frames and time in, frames out, without a thread or clock.
 
 The drive is as strict as a real drive: it obeys its objects exactly, latches at the SYNC,
 supervises the heartbeat of its master, and trips. The canopen library provides SDO server, NMT
@@ -38,7 +38,7 @@ from facade_manipulator.simulation.drives.simulated_axis import (
 
 class SimulatedDrive:
     """
-    Drive at the home position of its axis, with its supply on from the start.
+    Simulated drive, initially at the home position of its axis with its supply switched on.
 
     Without a serial number in the axis settings, the serial number is the node id.
     Raises a ParameterError for an unknown drive type.
@@ -94,7 +94,7 @@ class SimulatedDrive:
     # --- frames and time
 
     def receive(self, cob_id: int, data: bytes, now: float) -> list[Frame]:
-        """Receive a frame at a time [s], which never decreases; return the answers."""
+        """Receive a frame at a time [s], which must not decrease; return the answers."""
         service = self._service(cob_id, len(data))
         if service is None:
             return []
@@ -105,7 +105,7 @@ class SimulatedDrive:
         return self.advance(now)
 
     def advance(self, now: float) -> list[Frame]:
-        """Advance to a time [s]; return frames sent: boot-up, heartbeat, emergencies, TPDOs."""
+        """Advance to a time [s]; return sent frames: boot-up, heartbeat, emergencies, TPDOs."""
         self._set_time(now)
         now = self.now
         if now >= self._boot_at:
@@ -120,13 +120,13 @@ class SimulatedDrive:
         return [] if self.is_silent or self._boot_at < math.inf else frames
 
     def _set_time(self, now: float) -> None:
-        """Advance the time of the drive [s], which never decreases."""
+        """Advance the time of the drive [s], which must not decrease."""
         self.now = max(now, self.now)
         self.objects.outbox.now = self.now
 
     @property
     def deadline(self) -> float:
-        """Return the latest time of the next call of `advance` without a frame [s]."""
+        """Return the latest time [s] at which `advance` must be called if no frame arrives."""
         moving = self.now + self._MOTION_PERIOD if self.axis.is_moving else math.inf
         return min(
             self._boot_at,
@@ -138,7 +138,7 @@ class SimulatedDrive:
 
     @property
     def _next_sync(self) -> float:
-        """Return the time of the next SYNC that the drive produces [s]."""
+        """Return the time [s] of the next SYNC that this drive sends."""
         values = self.objects.values
         is_producer = values[indices.COB_ID_SYNC, 0] & sync.PRODUCER
         is_silent = self._boot_at < math.inf or self.objects.nmt.state == 'STOPPED'
@@ -148,7 +148,7 @@ class SimulatedDrive:
         return self._last_sync + period if period else math.inf
 
     def _send_sync(self) -> None:
-        """Send SYNC as its producer, and obey it as each other drive does."""
+        """Send SYNC as its producer, and obey it as every other drive does."""
         self._last_sync = self.now
         self.objects.outbox.send_message(cob_ids.SYNC, b'')
         if self.objects.nmt.state == 'OPERATIONAL':
@@ -158,7 +158,7 @@ class SimulatedDrive:
         self, cob_id: int, length: int
     ) -> Callable[[int, bytes, float], None] | None:
         """
-        Return the receiver of COB-ID, data and time of a frame, None for an unknown frame.
+        Return the function that receives COB-ID, data and time of a frame; None if unknown.
 
         The receiver depends on the NMT state and the objects.
 
@@ -184,31 +184,31 @@ class SimulatedDrive:
         )
 
     def _on_sync(self, cob_id: int, data: bytes, now: float) -> None:
-        """Send the TPDOs of a SYNC, and apply the received RPDOs."""
+        """Send the TPDOs triggered by a SYNC, and apply the received RPDOs."""
         self._pdo.answer_sync()
         self._pdo.latch()
         self.axis.latch()
 
     @property
     def _supervised_heartbeat(self) -> SupervisedHeartbeat:
-        """Return the heartbeat of the master; a drive without 1016h supervises none."""
+        """Return the monitored heartbeat of the master; a drive without 1016h monitors none."""
         value = self.objects.values.get(self._SUPERVISED_HEARTBEAT, 0)
         return SupervisedHeartbeat.decode(value)
 
     def _is_supervised(self, cob_id: int) -> bool:
-        """Return whether a COB-ID is that of the heartbeat of the master."""
+        """Return whether a COB-ID belongs to the monitored heartbeat of the master."""
         master, timeout = self._supervised_heartbeat
         return bool(timeout) and cob_id == cob_ids.HEARTBEAT + master
 
     def _on_heartbeat(self, cob_id: int, data: bytes, now: float) -> None:
-        """Wait for the next heartbeat of the master; end the error of a lost one."""
+        """Restart the monitoring of the master's heartbeat; end the error of a lost heartbeat."""
         self._master_due = now + 1e-3 * self._supervised_heartbeat.timeout
         if self.HEARTBEAT_LOST in self.errors:
             self.errors.remove(self.HEARTBEAT_LOST)
             self._announce()
 
     def _on_lss(self, cob_id: int, data: bytes, now: float) -> None:
-        """Answer a layer setting service; a new node id restarts an unconfigured drive."""
+        """Answer an LSS request; a new node id restarts an unconfigured drive."""
         answer = self.lss.receive(data, self.node_id)
         if answer is not None:
             self.objects.outbox.send_message(cob_ids.LSS_RESPONSE, answer)
@@ -223,7 +223,7 @@ class SimulatedDrive:
 
     def reboot(self) -> None:
         """
-        Switch the power off and on, as the NMT command reset node does.
+        Switch the supply off and on; the NMT command reset node has the same effect.
 
         Objects, errors and axis are reset, and the drive boots.
 
@@ -234,7 +234,7 @@ class SimulatedDrive:
         self.axis.reset()
 
     def _on_nmt(self, cob_id: int, data: bytes, now: float) -> None:
-        """Obey a network management command to this node or to all."""
+        """Obey a network management command for this node or for all nodes."""
         command, node_id = data
         if node_id not in (0, self.node_id):
             return
@@ -250,7 +250,7 @@ class SimulatedDrive:
                 self.axis.lose_connection()
 
     def _restart(self, keeps_application: bool) -> None:
-        """Restart the communication, and the application unless it continues; the drive boots."""
+        """Restart the communication, optionally also the application; then boot."""
         self._boot_at = self.now + self._BOOT_TIME  # infinity after the boot
         #: with UNCONFIGURED the drive is silent until LSS sets it
         self.node_id = self.lss.pending
@@ -259,7 +259,7 @@ class SimulatedDrive:
         self._pdo.forget()
 
     def _boot(self) -> None:
-        """Send the boot-up message, start the heartbeat, and report an open safe torque off."""
+        """Send the boot-up message, start the heartbeat, and report a safe torque off input."""
         self._boot_at = math.inf
         self._last_sync = self.now
         if self.node_id != UNCONFIGURED:
@@ -271,20 +271,20 @@ class SimulatedDrive:
                 self.inject_fault(SAFE_TORQUE_OFF)
 
     def _forget_master(self, value: int = 0) -> None:
-        """Suspend the heartbeat supervision until the next heartbeat."""
+        """Suspend the heartbeat monitoring until the next heartbeat."""
         self._master_due = math.inf
 
     # --- errors
 
     def _announce(self) -> None:
-        """Send an emergency message with the newest present error, or with code 0 for no error."""
+        """Send an emergency message with the newest active error, or code 0 without an error."""
         if self.objects.nmt.state != 'STOPPED':
             code = self.objects.read((indices.ERROR_CODE, 0))
             register = self.objects.read((indices.ERROR_REGISTER, 0))
             self.objects.emcy.send(code, register)
 
     def _reset_errors(self) -> bool:
-        """Reset the errors; return whether no error is left."""
+        """Reset the errors; return whether no error is active any longer."""
         if self.errors:
             self.errors = [SAFE_TORQUE_OFF] * self.axis.torque_off
             self._announce()
@@ -294,7 +294,7 @@ class SimulatedDrive:
 
     def inject_fault(self, code: int) -> None:
         """
-        Cause a new error, with its emergency message and its reaction.
+        Cause a new error, with emergency message and reaction.
 
         Codes 81xx and 82xx cause the reaction of 6007h, 86xx and 8A8x the ramp of 605Eh, and all
         other codes cut the power.
@@ -312,7 +312,7 @@ class SimulatedDrive:
         self, vendor_id: int, product_code: int, revision: int, serial_number: int
     ) -> None:
         """
-        Replace the drive with another drive, which boots with the defaults of its objects.
+        Replace the drive with another drive, which boots with its default object values.
 
         It has the stored node id of the replaced drive, as if set by the same switches. The
         carriage stays, and the encoder counts from 0 there. Injected silence and deafness

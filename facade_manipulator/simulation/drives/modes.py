@@ -1,5 +1,5 @@
 """
-Modes of operation of a simulated drive: cyclic synchronous position and homing.
+Modes of operation of a simulated drive: cyclic synchronous position, and homing.
 
 A mode makes the position demand and returns its own bits of the statusword.
 
@@ -45,7 +45,7 @@ class SpeedRamp:
 
 
 class Idle(SpeedRamp):
-    """Absence of a mode: a constant demand, which other modes move as their objects specify."""
+    """Mode without motion, with constant demand; base class of the other modes."""
 
     def __init__(self, objects: Objects, motor: SimulatedMotor) -> None:
         self._objects = objects
@@ -53,25 +53,25 @@ class Idle(SpeedRamp):
         self.enter()
 
     def enter(self) -> None:
-        """Start at rest at the position of the carriage."""
+        """Start at rest at the carriage position."""
         super().__init__(self._motor.position)
 
     def status(self) -> int:
-        """Return the mode-specific bits of the statusword."""
+        """Return the mode-specific statusword bits."""
         return 0
 
 
 class CyclicPosition(Idle):
-    """Cyclic synchronous position: latch 607Ah at each SYNC, and move to it on a straight line."""
+    """Cyclic synchronous position: latch 607Ah at each SYNC, then interpolate linearly to it."""
 
     _remaining = 0.0  # s, of the interpolation period
 
     def target(self) -> float:
-        """Return the target position [counts] from the middle of the rail."""
+        """Return the target position [counts] relative to the middle of the rail."""
         return self._objects.values[indices.TARGET_POSITION, 0] - self._motor.offset
 
     def latch(self) -> None:
-        """Latch a target, reached after one interpolation period; a period of 0 makes a step."""
+        """Latch a target, to be reached after one interpolation period; period 0 means a step."""
         values = self._objects.values
         value = values[indices.INTERPOLATION_PERIOD, 1]
         power = values[indices.INTERPOLATION_PERIOD, 2]
@@ -89,13 +89,13 @@ class CyclicPosition(Idle):
         return self.speed * moving / interval
 
     def status(self) -> int:
-        """Return the mode-specific bits of the statusword."""
+        """Return the mode-specific statusword bits."""
         return Status.DRIVE_FOLLOWS * (not self._objects.profile.quirks.never_follows)
 
 
 class Homing(Idle):
     """
-    Homing: a rising edge of controlword bit 4 starts it, a falling edge interrupts it.
+    Homing: a rising edge of controlword bit 4 starts it, and a falling edge interrupts it.
 
     The carriage moves directly to its home position.
     """
@@ -130,7 +130,7 @@ class Homing(Idle):
         objects.choices[indices.HOMING_METHOD, 0] = {0, *methods}
 
     def enter(self) -> None:
-        """Start at rest at the position of the carriage."""
+        """Start at rest at the carriage position."""
         super().enter()
         self._home: float | None = None
 
@@ -146,7 +146,7 @@ class Homing(Idle):
             self.acceleration = self._objects.counts(indices.HOMING_ACCELERATION)
 
     def _find_home(self, method: int) -> float | None:
-        """Return the home position [counts], None if the method or its switch is missing."""
+        """Return the home position [counts]; None if the method or its switch is not available."""
         if method not in self._SEARCHES:
             return None
         edge, side, direction = self._SEARCHES[method]
@@ -171,7 +171,7 @@ class Homing(Idle):
         return super().step(interval)
 
     def _count_from(self, home: float) -> None:
-        """End homing: set the encoder as the objects specify for the home position [counts]."""
+        """End homing: set the encoder to the configured value at the home position [counts]."""
         values = self._objects.values
         profile = self._objects.profile
         offset = profile.location('home_offset')  # from home to the new zero
@@ -185,7 +185,7 @@ class Homing(Idle):
         self.attained = True
 
     def status(self) -> int:
-        """Return the mode-specific bits of the statusword."""
+        """Return the mode-specific statusword bits."""
         rests = self._home is None and abs(self._motor.velocity) < STANDSTILL
         return (
             Status.TARGET_REACHED * rests

@@ -1,5 +1,5 @@
 """
-Motor, screw and carriage of a simulated axis: a servo with a first-order lag on its rail.
+Motor, screw and carriage of a simulated axis: a servo with a first-order lag.
 
 Positions are encoder counts from the middle of the rail, in the drive's direction.
 `SimulationSettings` are in SI units along the rail.
@@ -43,7 +43,7 @@ class SimulationSettings:
 
 
 class SimulatedMotor:
-    """Servo motor that moves a carriage."""
+    """Servo motor that moves a carriage along the rail."""
 
     # from the middle of the rail to both sides
     _HARD_STOP = 0.56  # m
@@ -75,7 +75,7 @@ class SimulatedMotor:
         self.place(scale.home_position)
 
     def place(self, position: float) -> None:
-        """Put the carriage at rest at a position along the rail [m], between the hard stops."""
+        """Place the carriage at rest at a position along the rail [m], within the hard stops."""
         self.position = _bounded(  #: [counts]
             position * self._direction * self.counts_per_metre, self.hard_stop
         )
@@ -89,7 +89,7 @@ class SimulatedMotor:
         self.velocity = math.copysign(self._HAND_SPEED * self.counts_per_metre, counts)
 
     def count_from_here(self) -> None:
-        """Reset the encoder to zero, like an incremental encoder at power-on."""
+        """Reset the encoder to zero, as an incremental encoder does at power-on."""
         #: counts that the encoder reports minus counts from the middle of the rail
         self.offset = -round(self.position)
 
@@ -100,7 +100,7 @@ class SimulatedMotor:
 
     @property
     def counts(self) -> int:
-        """Return the position that the encoder reports [counts]."""
+        """Return the position reported by the encoder [counts]."""
         return round(self.position) + self.offset
 
     @property
@@ -134,7 +134,7 @@ class SimulatedMotor:
         acceleration_limit: float,
     ) -> None:
         """
-        Follow a demand that has a position at the end of a step [counts], and a speed [counts/s].
+        Follow a demand position at the end of a step [counts] with a demand speed [counts/s].
 
         The error decays with the time constant `lag`, exactly for any step [s], within both
         limits. On a ramp the carriage lags by speed·lag.
@@ -156,7 +156,7 @@ class SimulatedMotor:
         self._move(self.velocity + change, step)
 
     def coast(self, step: float) -> None:
-        """Move without power over one time step [s], by a hand or against the friction."""
+        """Move without power for a time step [s]."""
         if self._pushed_to is not None:
             self._follow_hand(self._pushed_to, step)
             return
@@ -173,7 +173,7 @@ class SimulatedMotor:
             self._pushed_to = None
 
     def _move(self, velocity: float, step: float) -> None:
-        """Move with a velocity [counts/s] for a step [s], up to the hard stops."""
+        """Move at a velocity [counts/s] for a time step [s], at most to the hard stops."""
         self.velocity = velocity
         self.position += velocity * step
         if abs(self.position) > self.hard_stop:
@@ -182,5 +182,5 @@ class SimulatedMotor:
 
 
 def _bounded(value: float, most: float) -> float:
-    """Return a value limited to ±most."""
+    """Return a value clamped to ±most."""
     return min(max(value, -most), most)

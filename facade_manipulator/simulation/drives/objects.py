@@ -1,5 +1,5 @@
 """
-Object dictionary of a simulated drive, with its SDO server, NMT slave and EMCY producer.
+Object dictionary, SDO server, NMT slave and EMCY producer of a simulated drive.
 
 The node is the `LocalNode` of canopen, with three differences for a simulated drive:
 
@@ -65,7 +65,7 @@ _NEEDED = {
 
 @lru_cache(maxsize=16)
 def _dictionary(eds: Path, node_id: int) -> ObjectDictionary:
-    """Return the objects in an EDS; raises a ParameterError if a simulated drive needs others."""
+    """Return the objects of an EDS; raise a ParameterError if a required object is missing."""
     dictionary = read_dictionary(eds, node_id)
     pdos = [
         *range(indices.RPDO_COMMUNICATION, indices.RPDO_MAPPING),
@@ -87,7 +87,7 @@ def _dictionary(eds: Path, node_id: int) -> ObjectDictionary:
 
 class Outbox:
     """
-    Replacement of the library's `Network` for a node; `frames` stores the frames to send.
+    Substitute for the library's `Network`; `frames` stores the frames to send.
 
     The outbox is also the task of the heartbeat, the only periodic message of a node. `due` is the
     time of the next heartbeat [s].
@@ -99,14 +99,14 @@ class Outbox:
         self.due = math.inf
 
     def send_message(self, can_id: int, data: Sequence[int]) -> None:
-        """Store a frame until `take`."""
+        """Store a frame until `take` is called."""
         self.frames.append((can_id, bytes(data)))
 
     def subscribe(self, can_id: int, callback: object) -> None:
-        """Ignore a subscription, because the drive decides which service receives a frame."""
+        """Ignore a subscription, because the drive selects the receiver of each frame."""
 
     def send_periodic(self, can_id: int, data: Sequence[int], period: float) -> Outbox:
-        """Start the heartbeat, with a period [s]."""
+        """Start the heartbeat with a period [s]."""
         self._beat = (can_id, bytes(data))
         self._period = period
         self.due = self.now + period
@@ -117,11 +117,11 @@ class Outbox:
         self._beat = self._beat[0], bytes(data)
 
     def stop(self) -> None:
-        """End the heartbeat."""
+        """Stop the heartbeat."""
         self.due = math.inf
 
     def take(self) -> list[Frame]:
-        """Return the frames of this moment, with the heartbeat if it is due."""
+        """Return and remove the stored frames; add the heartbeat if it is due."""
         if self.now >= self.due:
             self.frames.append(self._beat)
             # keep the rate, although each call is slightly late
@@ -133,7 +133,7 @@ class Outbox:
 
 class Objects(LocalNode):
     """
-    Objects of one drive by index and subindex, and the CANopen services that use them.
+    Objects of one drive by index and subindex, with the CANopen services that use them.
 
     The EDS of the drive type contains the values after a reset. `missing` contains the indices
     that this drive lacks. A drive restarts its objects before it uses them.
@@ -192,7 +192,7 @@ class Objects(LocalNode):
 
     def restart(self, node_id: int, keeps_application: bool) -> None:
         """
-        Reset to a node that has not booted; identifiers and some defaults depend on its id.
+        Reset to a node that has not booted; identifiers and some defaults depend on its node id.
 
         All objects, or only the communication objects, get their stored or default values.
 
@@ -221,7 +221,7 @@ class Objects(LocalNode):
                 self.values[key] = value
 
     def _store(self, signature: int) -> None:
-        """Store all writable values, with effect after a reset."""
+        """Store all writable values; the stored values take effect after a reset."""
         if signature != self._SAVE:
             raise SdoAbortedError(constants.ABORT_STORE_APPLICATION)
         self.stored = {}
@@ -232,15 +232,15 @@ class Objects(LocalNode):
                 self.stored[key] = self.values[key]
 
     def read(self, key: Key) -> Any:
-        """Return the present value of an object."""
+        """Return the current value of an object."""
         return self.readers.get(key, partial(self.values.__getitem__, key))()
 
     def counts(self, index: int, subindex: int = 0) -> float:
-        """Return a speed [counts/s] or an acceleration [counts/s²] from its object."""
+        """Return a speed [counts/s] or acceleration [counts/s²] read from its object."""
         return self.values[index, subindex] / self.units[index]
 
     def write(self, key: Key, value: Any) -> None:
-        """Store a value from a PDO or an SDO; raises an SdoAbortedError for a wrong value."""
+        """Write a value from a PDO or SDO; raise an SdoAbortedError for an invalid value."""
         variable = self.variables[key]
         if variable.max is not None and value > variable.max:
             raise SdoAbortedError(constants.ABORT_VALUE_TOO_HIGH)

@@ -1,5 +1,5 @@
 """
-Process data of a simulated drive, as its communication and mapping objects define.
+Process data of a simulated drive, defined by its communication and mapping objects.
 
 The library's PDO maps do the mapping and packing. This module adds the behaviour of a drive: it
 rejects a wrong order of configuration, acts at the SYNC and checks lengths.
@@ -27,7 +27,7 @@ from facade_manipulator.simulation.drives.objects import Objects
 
 class ProcessData:
     """
-    PDOs of one drive; TPDOs are sent only in answer to a SYNC.
+    PDOs of one drive, which sends TPDOs only in answer to SYNC.
 
     `on_short_frame` is called when an RPDO is too short for its mapping.
     """
@@ -45,13 +45,13 @@ class ProcessData:
                 )
 
     def forget(self, value: int = 0) -> None:
-        """Drop all RPDOs that wait for a SYNC, after a change of PDOs or NMT state, or a reset."""
+        """Drop the RPDOs that wait for SYNC after a PDO change, NMT state change or reset."""
         for name in ('received', '_transmitted'):
             vars(self).pop(name, None)
         self._syncs = 0
 
     def _check_mapping(self, communication: int, subindex: int, value: int) -> None:
-        """Reject an entry while the PDO or its count is enabled, and an unmappable entry."""
+        """Reject a change while the PDO or its count is enabled, and an unmappable object."""
         values = self._objects.values
         is_enabled = not values[communication, 1] & PDO_NOT_VALID
         if is_enabled or subindex and values[communication + MAPPING_OFFSET, 0]:
@@ -87,7 +87,7 @@ class ProcessData:
             rpdo.is_received = True
 
     def answer_sync(self) -> None:
-        """Send the TPDOs that a SYNC requests, with the values of this instant."""
+        """Send the TPDOs triggered by a SYNC, with the current values."""
         self._syncs += 1
         for tpdo in self._transmitted:
             if self._syncs % (tpdo.trans_type or 1) == 0:

@@ -1,5 +1,5 @@
 """
-CiA 402 drive behind a simulated node: state machine, modes, supervision and reactions.
+CiA 402 drive behind a simulated node: state machine, modes, monitoring and reactions.
 
 References
 ----------
@@ -45,7 +45,7 @@ _LIMIT_SWITCH_ERRORS = {
 
 class SimulatedAxis:
     """
-    State machine and motion of one drive.
+    State machine and motion of one simulated drive.
 
     `report` receives the code of each detected error. `reset_errors` resets the errors and returns
     whether no error is left.
@@ -114,7 +114,7 @@ class SimulatedAxis:
         )
 
     def reset(self) -> None:
-        """Enter the state after power-on: the position is unknown."""
+        """Enter the state after power-on, in which the position is unknown."""
         self.state = State.SWITCH_ON_DISABLED
         self._controlword = 0
         self._latched_bit_4 = 0
@@ -129,7 +129,7 @@ class SimulatedAxis:
 
     @property
     def statusword(self) -> int:
-        """Return the statusword 6041h: state, mode bits and flags."""
+        """Return the statusword 6041h: state, mode bits and other flags."""
         word = STATUSWORDS[self.state][1] | Status.VOLTAGE_ENABLED * (
             not self.torque_off
         )
@@ -146,19 +146,19 @@ class SimulatedAxis:
 
     @property
     def following_error(self) -> float:
-        """Return the demand minus the actual position [counts], 0 without power."""
+        """Return demand minus actual position [counts]; 0 without power."""
         is_powered = self.state in POWERED_STATES
         return self._demand.position - self._motor.position if is_powered else 0.0
 
     @property
     def is_moving(self) -> bool:
-        """Return whether the motor has power or still turns."""
+        """Return whether the motor has power or still moves."""
         return self.state in POWERED_STATES or self._motor.velocity != 0.0
 
     # --- what the master commands
 
     def control(self, controlword: int) -> None:
-        """Act on a controlword."""
+        """Process a controlword."""
         before = self._controlword
         self._controlword = controlword
         command = decode_command(controlword)
@@ -199,7 +199,7 @@ class SimulatedAxis:
                 self._report(SOFTWARE_LIMIT)
 
     def _latch_bit_4(self) -> bool:
-        """Latch bit 4 of the controlword; return whether it lets the drive take a target."""
+        """Latch bit 4 of the controlword; return whether the drive may accept a target."""
         before = self._latched_bit_4
         self._latched_bit_4 = self._controlword & Controlword.NEW_TARGET
         kind = self._objects.profile.quirks.cyclic_bit_4
@@ -210,12 +210,12 @@ class SimulatedAxis:
     # --- transitions
 
     def _obey(self, command: Controlword) -> None:
-        """Make the transition that a command causes in the present state, if any."""
+        """Execute the transition of a command in the current state, if any."""
         self._enter(TRANSITIONS.get((self.state, command), self.state))
 
     def _enter(self, state: State) -> None:
         """
-        Enter another state of CiA 402; safe torque off prevents the operation.
+        Enter another CiA 402 state; safe torque off prevents operation.
 
         The operation begins in the present mode. The other states with power begin a quick-stop
         ramp. Without power the motor coasts.
@@ -238,12 +238,12 @@ class SimulatedAxis:
             )
 
     def fail(self, keeps_power: bool) -> None:
-        """Enter the fault state: on the quick-stop ramp with power, or without power."""
+        """Enter the fault state, with power on a quick-stop ramp or without power."""
         makes_ramp = keeps_power and self.state in POWERED_STATES
         self._enter(State.FAULT_REACTION_ACTIVE if makes_ramp else State.FAULT)
 
     def lose_connection(self) -> None:
-        """React to a lost master, an NMT stop or a reset, as 6007h or its replacement demands."""
+        """React to a lost master, NMT stop or reset as configured in 6007h or its substitute."""
         option = self._values.get((self._objects.profile.lost_master_reaction, 0), 0)
         if option in self._CONNECTION_COMMANDS:
             self._obey(self._CONNECTION_COMMANDS[option])
@@ -253,7 +253,7 @@ class SimulatedAxis:
     # --- motion
 
     def advance(self, now: float) -> None:
-        """Move from the time of the previous call to `now` [s], which never decreases."""
+        """Simulate the motion from the previous call until `now` [s], which must not decrease."""
         span = now - self._time
         self._time = now
         count = math.ceil(span / self._LONGEST_STEP - 1e-6) if self.is_moving else 0
@@ -264,7 +264,7 @@ class SimulatedAxis:
                 self._motor.coast(span / count)
 
     def _step(self, step: float) -> None:
-        """Follow the demand for a step [s]; check following error and switches; end a stop."""
+        """Follow the demand for a step [s]; check following error and switches; complete stops."""
         objects = self._objects
         motor = self._motor
         demand = self._demand

@@ -1,4 +1,4 @@
-"""Simulated drives on a CAN bus, with the thread that passes frames and time to them."""
+"""Simulated drives on a CAN bus, and the thread that provides frames and time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 
 class DriveSimulator(AbstractContextManager['DriveSimulator']):
-    """Simulated drives that have power and share one bus until the end of the context."""
+    """Context manager of simulated drives that share one bus and are powered until its end."""
 
     _LONGEST_WAIT = 0.1  # s: maximum time to stop when the bus is quiet
     _PAUSE = 0.05  # s, after an error of the bus, such as an interface that is down
@@ -33,7 +33,7 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop the drives on the bus; return when the thread has ended."""
+        """Stop serving the drives; return after the thread has ended."""
         self._stopping.set()
         self._thread.join()
         self._bus.close()
@@ -44,7 +44,7 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
     @contextmanager
     def access(self) -> Iterator[tuple[SimulatedDrive, ...]]:
         """
-        Yield the drives to another thread, which reads them, pushes them or injects faults.
+        Yield the drives to another thread, which may read them or inject faults.
 
         The drives are at the present time. Frames that the drives send as a result go to the bus
         when the context ends.
@@ -61,7 +61,7 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
             drive.motor.external_force = force
 
     def _run(self) -> None:
-        """Serve the drives until the end: pass received frames and time to them."""
+        """Serve the drives until the end: pass on received frames and the time."""
         while not self._stopping.is_set():
             pause = min(drive.deadline for drive in self._drives) - time.monotonic()
             received = None
@@ -73,7 +73,7 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
                 self._advance(received)
 
     def _advance(self, received: Frame | None) -> None:
-        """Advance the drives to the time of reception of a frame, or to now without a frame."""
+        """Advance the drives to the time of a received frame, without a frame to the present."""
         for drive in self._drives:
             frames = (
                 drive.advance(time.monotonic())
@@ -86,5 +86,5 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
 
 
 def start_simulator(bus: BusSettings, axes: Sequence[AxisSettings]) -> DriveSimulator:
-    """Start the drives of `axes` on a bus; raises a BusError if the bus cannot be opened."""
+    """Start the drives of `axes` on a bus; raise a BusError if the bus cannot be opened."""
     return DriveSimulator(open_bus(bus), [SimulatedDrive(axis) for axis in axes])

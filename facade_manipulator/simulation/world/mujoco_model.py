@@ -1,4 +1,4 @@
-"""MuJoCo model of config/gondola.xml with the numbers of a scenario."""
+"""MuJoCo model built from config/gondola.xml and the values of a scenario."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from facade_manipulator.simulation.world.scenario import Scenario
 def build_model(
     geometry: Geometry, scenario: Scenario, is_prescribed: bool
 ) -> mujoco.MjModel:
-    """Return the model of a mechanism and a scenario; a prescribed gondola follows its carrier."""
+    """Return the model of a mechanism and a scenario; a carrier moves a prescribed gondola."""
     spec = mujoco.MjSpec.from_file(str(config_path('gondola.xml')))
     _set_mechanism(spec, geometry)
 
@@ -45,7 +45,7 @@ def build_model(
 def initial_state(
     model: mujoco.MjModel, geometry: Geometry, head: Pose
 ) -> mujoco.MjData:
-    """Return the balanced state in still air, with the head at a pose of frame rail [m, rad]."""
+    """Return the equilibrium in still air with the head at a pose in frame rail [m, rad]."""
     data = mujoco.MjData(model)
     q1, q2, q3 = inverse_kinematics(geometry, head)
     _, _, height1, height2, projection1, projection2 = links(geometry, head)

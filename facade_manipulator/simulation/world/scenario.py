@@ -1,5 +1,5 @@
 """
-Scenarios: a YAML file describes the gondola, the wind, the sensors and the mission.
+Scenarios: YAML files that describe gondola, wind, sensors and mission.
 
 Each section of a file is one of the dataclasses below. A missing value keeps the default of the
 dataclass.
@@ -23,7 +23,7 @@ from facade_manipulator.parameters import from_mapping, read_value
 
 @dataclass(frozen=True)
 class Gondola:
-    """The gondola on its cables; config/gondola.xml contains the other numbers."""
+    """Gondola on its cables; config/gondola.xml contains all other values."""
 
     cable_length: float = 30.0  #: [m]
     #: of either end from the middle; 0 lets the gondola yaw freely [m]
@@ -45,7 +45,7 @@ class Wind:
 
 def _require_triples(name: str, rows: Sequence[Any], meaning: str) -> None:
     """
-    Raise a ParameterError for a row that is not a sequence of three numbers.
+    Raise a ParameterError if a row is not a sequence of three numbers.
 
     The reader of the file checks neither the length nor the elements of a row. `name` is that of
     the setting, and `meaning` that of the three numbers.
@@ -62,7 +62,7 @@ def _require_triples(name: str, rows: Sequence[Any], meaning: str) -> None:
 @dataclass(frozen=True)
 class Motion:
     """
-    Prescribed motion of the rail; without sines the gondola hangs freely.
+    Prescribed motion of the rail; without sines, the gondola hangs freely.
 
     Each sine is amplitude, frequency and phase [m or rad, Hz, rad].
     """
@@ -77,7 +77,7 @@ class Motion:
 
     def poses(self, times: np.ndarray) -> np.ndarray:
         """
-        Return the prescribed poses of the rail in frame facade, shape (n, 3).
+        Return the prescribed rail poses in frame facade, shape (n, 3).
 
         The times are since the start [s]. Without sines the poses are 0 and prescribe nothing.
         """
@@ -92,7 +92,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Estimator:
-    """Noise, delay and faults of the estimates of the disturbance."""
+    """Noise, delay and faults of the simulated disturbance estimates."""
 
     rate: float = 50.0  #: [Hz]
     latency: float = 0.05  #: mean age of an estimate on arrival [s]
@@ -112,7 +112,7 @@ class Estimator:
 
 @dataclass(frozen=True)
 class Wall:
-    """Wall and brush between head and wall; config/gondola.xml contains the other numbers."""
+    """Wall, and brush between head and wall; config/gondola.xml contains all other values."""
 
     #: whether the mission presses on it and has a force sensor
     is_touched: bool = False
@@ -122,7 +122,7 @@ class Wall:
 
 @dataclass(frozen=True)
 class Mission:
-    """Goals of the head on the wall, and the requirements of a demo."""
+    """Goals of the head on the wall, and requirements for a demo."""
 
     duration: float = 60.0  #: [s]
     #: of x, y, θ that a demo must reach [dB]; -inf: of an axis that yields to the contact force
@@ -143,7 +143,7 @@ class Mission:
         _require_triples('goals', self.goals, 'x, y, theta')
 
     def goal(self, elapsed: float) -> Pose:
-        """Return the goal [m, m, rad] at a time since the start of the mission [s]."""
+        """Return the goal [m, m, rad] at a time since the mission started [s]."""
         return Pose(*self.goals[int(elapsed / self.goal_period) % len(self.goals)])
 
 
@@ -168,7 +168,7 @@ def simulation_parameters(
     scenario: str = '', *, viewer: bool = False
 ) -> dict[str, Any]:
     """
-    Return the content of a parameter file that selects a scenario and MuJoCo's viewer.
+    Return the content of a parameter file that selects the scenario and MuJoCo's viewer.
 
     Load it after the other files. The option ``-p`` of ROS would not override manipulator.yaml.
     Without a name the scenario of the other files remains. Raises the errors of `load_scenario`.
@@ -187,13 +187,13 @@ def simulation_parameters(
 
 
 def scenario_names() -> list[str]:
-    """Return the names of the scenarios of the package."""
+    """Return the names of all scenarios in the package."""
     return sorted(path.stem for path in config_path('scenarios').glob('*.yaml'))
 
 
 def load_scenario(name: str) -> Scenario:
     """
-    Return a scenario by its name in config/scenarios, or by the path of a YAML file.
+    Load a scenario by name from config/scenarios, or from the path of a YAML file.
 
     Raises
     ------

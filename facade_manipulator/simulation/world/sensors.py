@@ -1,4 +1,4 @@
-"""Sensors with noise and delay: an estimator of the disturbance, and raw sensors of MuJoCo."""
+"""Simulated sensors with noise and delay: a disturbance estimator, and raw MuJoCo sensors."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ RAW_SENSORS = {
 
 
 class DelayedQueue:
-    """Queue of delayed measurements in the order of arrival."""
+    """Queue of delayed measurements, in order of arrival."""
 
     def __init__(self) -> None:
         self._queue: list[tuple[float, Any]] = []
 
     def send(self, arrival: float, item: Any) -> None:
-        """Add a measurement with its time of arrival [s]."""
+        """Add a measurement that arrives at a given time [s]."""
         insort(self._queue, (arrival, item), key=itemgetter(0))
 
     def receive(self, now: float) -> list[Any]:
-        """Return the measurements that have arrived since the last call, at the time `now` [s]."""
+        """Return all measurements that have arrived by `now` [s] since the last call."""
         count = bisect_right(self._queue, now, key=itemgetter(0))
         arrived = self._queue[:count]
         del self._queue[:count]
@@ -41,7 +41,7 @@ class DelayedQueue:
 
 
 class SimulatedEstimator(DelayedQueue):
-    """Simulated estimator of the disturbance: noisy, late, sometimes lost or wrong."""
+    """Simulated disturbance estimator: noisy, late, sometimes missing or wrong."""
 
     def __init__(
         self, settings: Estimator, start: float, random: np.random.Generator
@@ -54,7 +54,7 @@ class SimulatedEstimator(DelayedQueue):
         self._variances = (position, position, settings.yaw_noise**2)
 
     def sample(self, stamp: float, rail: Pose) -> None:
-        """Estimate the rail's true pose [m, m, rad] at a stamp [s]."""
+        """Estimate the true pose of the rail [m, m, rad] at a stamp [s]."""
         settings = self._settings
         elapsed = stamp - self._start
         delay = settings.latency + settings.jitter * self._random.uniform(-1.0, 1.0)
@@ -74,7 +74,7 @@ class SimulatedEstimator(DelayedQueue):
 
 
 class Measurement(NamedTuple):
-    """Reading of a raw sensor: a length, or rates about and accelerations along x, y, z."""
+    """Reading of a raw sensor: a length, or angular rates and accelerations for x, y and z."""
 
     sensor: str  #: ``'imu'``, ``'range_1'``, ``'range_2'`` or ``'fix_x'``
     stamp: float  #: [s]
@@ -82,7 +82,7 @@ class Measurement(NamedTuple):
 
 
 class RawSensors(DelayedQueue):
-    """An inertial sensor, two distance sensors and a camera that sees a mark."""
+    """Simulated raw sensors: IMU, two distance sensors, and a camera that detects a mark."""
 
     GYROSCOPE_BIAS = 1e-3  # rad/s
     ACCELEROMETER_BIAS = 0.02  # m/s²
@@ -99,7 +99,7 @@ class RawSensors(DelayedQueue):
         }
 
     def sample(self, model: Any, data: Any, name: str, stamp: float) -> None:
-        """Read a sensor at a stamp [s] and send the reading, which arrives after its latency."""
+        """Read a sensor at a stamp [s], and queue the reading, which arrives after its latency."""
         if name == 'imu':
             rates = self._noisy('gyro', model, data, self.GYROSCOPE_BIAS)
             values = rates + self._noisy(
@@ -114,7 +114,7 @@ class RawSensors(DelayedQueue):
     def _noisy(
         self, name: str, model: Any, data: Any, offset: float
     ) -> tuple[float, ...]:
-        """Return the values of a sensor of the model, plus an offset and its noise."""
+        """Return the values of a model sensor with an offset and noise added."""
         true = data.sensor(name).data
         deviation = model.sensor(name).noise[0]
         # the same numbers as from Generator.normal, in a quarter of its time
@@ -122,7 +122,7 @@ class RawSensors(DelayedQueue):
         return tuple((true + offset + noise).tolist())
 
     def _place_error(self, name: str, data: Any) -> float:
-        """Return the error [m] due to dirt, texture and unevenness of a place on the wall."""
+        """Return the error [m] due to dirt, texture and unevenness at a position on the wall."""
         place = data.site('camera' if name == 'fix_x' else name).xpos[0]
         waves = np.cos(self._wave_numbers * place + self._phases[name])
         return self.PLACE_NOISE * math.sqrt(2.0 / self.WAVES) * float(waves.sum())

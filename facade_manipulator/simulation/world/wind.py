@@ -1,5 +1,5 @@
 """
-Gusts with the Kaimal spectrum, and the force of the wind on the gondola.
+Gusts with a Kaimal spectrum, and the wind force on the gondola.
 
 The one-sided spectral density of component k at frequency f [Hz] is
 
@@ -27,7 +27,7 @@ GUST_LENGTHS = np.array([8.1, 2.7]) * 0.7 * HEIGHT  # L_k [m]
 
 
 def spectral_density(wind: Wind, frequencies: np.ndarray) -> np.ndarray:
-    """Return S along and across the mean wind [m²/s] at frequencies [Hz], shape (2, n)."""
+    """Return S [m²/s] along and across the mean wind at frequencies [Hz], shape (2, n)."""
     times = GUST_LENGTHS / wind.mean_speed
     variances = (wind.turbulence * wind.mean_speed * SHARES) ** 2
     decay = (1.0 + 6.0 * np.outer(times, frequencies)) ** (5.0 / 3.0)
@@ -35,7 +35,7 @@ def spectral_density(wind: Wind, frequencies: np.ndarray) -> np.ndarray:
 
 
 class Gusts:
-    """Wind velocity as a function of time: the mean and tones with seeded random phases."""
+    """Wind velocity as a function of time: mean wind plus tones with seeded random phases."""
 
     FREQUENCIES = (1e-4, 5.0)  # Hz; 4 % of the variance at 5 m/s is outside
     TONES = 250
@@ -56,7 +56,7 @@ class Gusts:
         self.mean = self._turn @ (wind.mean_speed, 0.0)  #: along x and y [m/s]
 
     def velocity(self, time: float) -> np.ndarray:
-        """Return the wind along x and y [m/s] at a time [s]."""
+        """Return the wind velocity along x and y [m/s] at a time [s]."""
         waves = np.cos(self._rates * time + self._phases)
         return self.mean + self._turn @ (self._amplitudes * waves).sum(axis=1)
 
@@ -65,5 +65,5 @@ AIR_DENSITY = 1.2  # kg/m³
 
 
 def drag(gondola: Gondola, wind: np.ndarray) -> np.ndarray:
-    """Return the force ½ ρ c A |v| v along x and y [N] of a wind v on the gondola [m/s]."""
+    """Return the force ½ ρ c A |v| v along x and y [N] of wind with velocity v [m/s]."""
     return 0.5 * AIR_DENSITY * gondola.drag_area * math.hypot(*wind) * wind

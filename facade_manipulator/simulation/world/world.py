@@ -1,4 +1,4 @@
-"""Gondola, manipulator and wall as one MuJoCo world without a clock."""
+"""MuJoCo world of gondola, manipulator and wall, without a clock."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from facade_manipulator.simulation.world.wind import drag, Gusts
 
 class CarriageServos:
     """
-    Servos of the carriages, which follow the targets of the drives with a lag.
+    Carriage servos, which follow the targets of the drives with a lag.
 
     `World.advance` calls `inputs` once for each new target.
     """
@@ -34,7 +34,7 @@ class CarriageServos:
         self._damping_time = damping / stiffness
 
     def inputs(self, target: np.ndarray, count: int, step: float) -> np.ndarray:
-        """Return the inputs of the servos [m] at the ends of all steps, shape (n + 1, 3)."""
+        """Return the servo inputs [m] at the ends of all steps, shape (n + 1, 3)."""
         elapsed = step * np.arange(count + 1)[:, None]
         rate = (target - self._target) / (count * step)
 
@@ -55,7 +55,7 @@ class CarriageServos:
 
 class World:
     """
-    Simulated world; the same seed and the same calls give the same numbers.
+    Simulated world; the same seed and the same calls produce the same values.
 
     Parameters
     ----------
@@ -118,12 +118,12 @@ class World:
 
     @property
     def time(self) -> float:
-        """Return the time to which the world has advanced [s]."""
+        """Return the current time of the world [s]."""
         return self._start + float(self.data.time)
 
     @property
     def rail(self) -> Pose:
-        """Return the true disturbance: the pose of the rail in frame facade [m, m, rad]."""
+        """Return the true disturbance: the rail's pose in frame facade [m, m, rad]."""
         return self._pose('rail')
 
     @property
@@ -133,7 +133,7 @@ class World:
 
     @property
     def carriages(self) -> Carriages:
-        """Return the positions of the carriages [m]."""
+        """Return the true carriage positions [m]."""
         return Carriages(*(float(self.data.joint(name).qpos[0]) for name in AXIS_NAMES))
 
     @property
@@ -145,14 +145,14 @@ class World:
         return Wrench(-fx, -fy, -moment)
 
     def measure_wrench(self) -> Wrench:
-        """Return a reading of the force sensor, with noise [N, N, N m]."""
+        """Return a force sensor reading with noise [N, N, N m]."""
         force = self.model.sensor('force').noise[0]
         moment = self.model.sensor('torque').noise[0]
         noise = self._wrench_noise.standard_normal(3) * (force, force, moment)
         return Wrench(*(noise + self.wrench).tolist())
 
     def advance(self, time: float, target: Carriages) -> None:
-        """Advance to a time [s] while the drives' targets move linearly to new targets [m]."""
+        """Advance to a time [s] while the drive targets move linearly to new targets [m]."""
         data = self.data
         step = self.model.opt.timestep
         count = round((time - self.time) / step)
@@ -184,7 +184,7 @@ class World:
         self.estimator.sample(stamp, self.rail)
 
     def _blow(self, gusts: Gusts, stamp: float) -> None:
-        """Set the force of the wind; the mean wind's force is part of the equilibrium."""
+        """Apply the wind force; the force of the mean wind is part of the equilibrium."""
         gondola = self.scenario.gondola
         velocity = self.data.joint('gondola').qvel[:2]
         wind = gusts.velocity(stamp - self._start) - velocity
@@ -194,7 +194,7 @@ class World:
         applied[:] = (*force, 0.0, 0.0, 0.0, moment)
 
     def _begin_motion(self) -> None:
-        """Set the gondola onto its prescribed path."""
+        """Move the gondola onto its prescribed path."""
         joint = self.data.joint('gondola')
         instant = 1e-4  # s
         poses = self.scenario.motion.poses(np.array((-instant, 0.0, instant)))
@@ -210,7 +210,7 @@ class World:
 
 
 def _placements(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the positions [m] and the quaternions of planar poses, shapes (n, 3) and (n, 4)."""
+    """Return positions [m] and quaternions of planar poses, shapes (n, 3) and (n, 4)."""
     x, y, theta = poses.T
     none = np.zeros(len(poses))
     positions = np.column_stack((x, y, none))
