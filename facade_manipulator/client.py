@@ -1,5 +1,5 @@
 """
-Blocking calls of a supervisor to one manipulator.
+Blocking client for a supervisor of one manipulator.
 
 ::
 
@@ -46,7 +46,7 @@ Callback = Callable[[], Any]
 
 
 class RequestRejectedError(ManipulatorError):
-    """A node rejected a request; the message is the node's reason."""
+    """A node rejected a request; the message contains the node's reason."""
 
 
 class NoAnswerError(ManipulatorError):
@@ -54,7 +54,7 @@ class NoAnswerError(ManipulatorError):
 
 
 class GoalProgress(NamedTuple):
-    """Progress of a goal in a message on compensator/goal_status."""
+    """Progress of a goal, received on compensator/goal_status."""
 
     state: str  #: such as ``'moving'`` or ``'held back'``
     distance: float  #: of the measured head from the goal [m], NaN where unknown
@@ -64,7 +64,7 @@ class GoalProgress(NamedTuple):
 
 class GoalNotReachedError(NoAnswerError):
     """
-    The head did not reach a goal in time; the goal stays in force.
+    The head did not reach a goal in time; the goal remains active.
 
     `progress` is the progress of the goal at the timeout.
     """
@@ -75,7 +75,7 @@ class GoalNotReachedError(NoAnswerError):
 
 
 class ManipulatorStatus(NamedTuple):
-    """State of the drives in the newest message on driver/status."""
+    """State of the drives, received in the newest message on driver/status."""
 
     state: str  #: such as ``'active'`` or ``'stopped'``; ``'silent'`` without messages
     level: str  #: ok, warn, error or stale
@@ -195,7 +195,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     @property
     def status(self) -> ManipulatorStatus:
-        """Return the state of the drives, which is ``'silent'`` while the driver is silent."""
+        """Return the state of the drives; it is ``'silent'`` while the driver is silent."""
         values = self._driver_values()
         if not values:
             return self.SILENT_DRIVER
@@ -209,7 +209,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     @property
     def progress(self) -> GoalProgress | None:
-        """Return the progress of the last goal sent, None before the first message about it."""
+        """Return the progress of the last goal sent; None before it is reported."""
         values = self._of_goal(self._stamp)
         if not self._stamp or not values:
             return None
@@ -225,11 +225,11 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         )
 
     def configure(self) -> None:
-        """Start the bus and check the drives, unless they are already configured."""
+        """Open the bus and check the drives, unless they are already configured."""
         self._change_state('configure', 'inactive', 'active')
 
     def home(self, again: bool = False) -> None:
-        """Home all axes, unless all are homed."""
+        """Home all axes, unless they are all homed."""
         if (
             again
             or 'home' in self._next_driver_values(self.driver_state())['next step']
@@ -237,23 +237,23 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             self._trigger(topics.HOME)
 
     def activate(self) -> None:
-        """Power the drives on, unless they have power; the axes hold their positions."""
+        """Power the drives on, unless they already have power; the axes hold their positions."""
         self._change_state('activate', 'active')
 
     def deactivate(self) -> None:
-        """Ramp down and power the drives off."""
+        """Brake to rest, and power the drives off."""
         self._change_state('deactivate')
 
     def cleanup(self) -> None:
-        """Close the bus; recovery from a lost bus or a restarted drive starts with this call."""
+        """Close the bus, as the first step of recovery from a lost bus or a restarted drive."""
         self._change_state('cleanup')
 
     def halt(self) -> str:
-        """Brake and hold; return the next step."""
+        """Brake and hold; return a message with the next step."""
         return self._trigger(topics.HALT)
 
     def clear_faults(self) -> str:
-        """Reset the cause of a stop; return the next step."""
+        """Clear the cause of a stop; return a message with the next step."""
         return self._trigger(topics.CLEAR_FAULTS)
 
     def driver_state(self) -> str:
@@ -262,7 +262,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     def send_goal(self, pose: Pose) -> str:
         """
-        Publish a goal for the head on the wall (frame ``facade``) and return its stamp.
+        Publish a goal for the head on the wall (frame ``facade``); return its stamp.
 
         The stamp identifies the goal on compensator/goal_status. The goal is published again until
         that topic reports the stamp. Raises a NoAnswerError if no compensator answers.
@@ -292,7 +292,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     def go_to(self, *goals: Pose, timeout: float = 60.0) -> None:
         """
-        Move the head along goals on the wall (frame ``facade``); return at the last goal.
+        Move the head to successive goals on the wall (frame ``facade``); return at the last goal.
 
         Raises a RequestRejectedError for a goal that is rejected or no longer followed, and a
         GoalNotReachedError for a goal that is not reached within the timeout [s]; the goal then
@@ -306,7 +306,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
                 raise self._not_reached_error(str(error)) from error
 
     def _not_reached_error(self, problem: str) -> GoalNotReachedError:
-        """Return the error of the last goal sent, with its progress and a next step."""
+        """Return the error for the last goal sent, with its progress and a next step."""
         progress = self.progress or self.UNKNOWN_PROGRESS
         next_step = '' if NEXT in progress.message else f'{NEXT}{self.CHECK_GOAL}'
         return GoalNotReachedError(
@@ -315,7 +315,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     def solve(self, goal: Pose) -> Carriages:
         """
-        Return the carriage positions [m] for a pose of the head in frame ``rail``.
+        Return the carriage positions [m] for a head pose in frame ``rail``.
 
         Raises a RequestRejectedError with the limit that the pose violates.
         """
@@ -340,7 +340,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         next_step: str = '',
     ) -> Any:
         """
-        Return the first true value of a condition.
+        Wait until a condition is true, and return its value.
 
         Raises a NoAnswerError at a timeout [s], by default `answer_timeout`, with the next step of
         the operator if given.
@@ -409,7 +409,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         return response.message
 
     def _change_state(self, label: str, *reached: str) -> None:
-        """Request a transition, unless the driver is already in one of the states `reached`."""
+        """Request a transition, unless the driver is already in a state listed in `reached`."""
         if self.driver_state() in reached:
             return
         response = self._call(topics.CHANGE_STATE, transition=Transition(label=label))
@@ -440,12 +440,12 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         return self.wait_until(present, 'driver/status', next_step=self.CHECK_DRIVER)
 
     def _driver_values(self) -> dict[str, str]:
-        """Return the values of driver/status, empty while the driver is silent."""
+        """Return the values of driver/status; empty while the driver is silent."""
         received, values = self._received[topics.DRIVER_STATUS][-1]
         return values if time.monotonic() - received < self.silence else {}
 
     def _is_reached(self, stamp: str) -> bool:
-        """Return whether a goal is reached; raises a RequestRejectedError if it has failed."""
+        """Return whether a goal is reached; raise a RequestRejectedError if it has failed."""
         values = self._of_goal(stamp)
         if values.get('rejected goal stamp') == stamp:
             raise RequestRejectedError(f'rejected: {values["rejection"]}')
@@ -456,14 +456,14 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     def _of_goal(
         self, stamp: str, topic: topics.Topic = topics.GOAL_STATUS
     ) -> dict[str, str]:
-        """Return the newest values on a topic for the stamp of a goal."""
+        """Return the newest values on a topic that belong to the goal with a stamp."""
         for _, values in reversed(list(self._received[topic])):
             if stamp in (values.get('goal stamp'), values.get('rejected goal stamp')):
                 return values
         return {}
 
     def _receive(self, topic: topics.Topic, status: Any) -> None:
-        """Store the values of a status with its time of reception."""
+        """Store the values of a status message and its time of reception."""
         values = status_values(status)
         values['message'] = status.message
         values['level'] = status_level(status)

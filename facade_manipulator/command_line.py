@@ -1,4 +1,4 @@
-"""Options and exit statuses of the command-line tools."""
+"""Options and exit statuses common to the command-line tools."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def exit_status(
     failed: int = 1,
     interrupted: str = 'interrupted',
 ) -> int:
-    """Run a command and return its exit status; an error is one line on standard error."""
+    """Run a command and return its exit status; print an error as one line on standard error."""
     try:
         action()
         sys.stdout.flush()
@@ -54,7 +54,7 @@ EXTRA_OF = {
 
 
 def missing_package(error: ModuleNotFoundError) -> str:
-    """Return the sentence for a Python package that is not installed."""
+    """Return the message for a Python package that is not installed."""
     package = str(error.name).partition('.')[0]
     if extra := EXTRA_OF.get(package):
         step = f'install the extra {extra} of facade_manipulator (docs/installation.md)'
@@ -73,7 +73,7 @@ def require_packages(*names: str) -> None:
 
 
 def above_zero(text: str) -> float:
-    """Return the finite number above 0 in the text of an option; argparse calls this function."""
+    """Convert the text of an option to a finite number above 0; called by argparse."""
     value = float(text)
     if not 0.0 < value < math.inf:
         raise ArgumentTypeError(f'{text} is not a finite number above 0')

@@ -1,5 +1,5 @@
 """
-Rule for the variances in all messages.
+Rule for the meaning of variances in all messages.
 
 A variance of zero means that the message contains no covariance: the value is valid, and its noise
 is the default. A variance that is negative, not finite or too large marks a value that was not
@@ -12,7 +12,7 @@ LARGEST_DEVIATION = 1.0  # m or rad: the noise of a sensor is at most this
 
 
 def is_measured(variance: float, largest_deviation: float = LARGEST_DEVIATION) -> bool:
-    """Return whether a variance is that of a value measured within a maximum deviation."""
+    """Return whether a variance marks a measured value: its deviation is at most the maximum."""
     return 0.0 <= variance <= largest_deviation**2  # false for NaN
 
 
@@ -20,7 +20,7 @@ MIN_DEVIATION = 1e-4  # m or rad: with less, a filter would ignore all other dat
 
 
 def used_variance(variance: float, default_deviation: float) -> float:
-    """Return the variance with which a measured value is used [m² or rad²]."""
+    """Return the variance to use for a measured value [m² or rad²]."""
     if variance == 0.0:
         return default_deviation**2
     return max(variance, MIN_DEVIATION**2)

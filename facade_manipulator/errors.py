@@ -1,5 +1,5 @@
 """
-Exceptions of the package, arranged by the reaction of the caller.
+Exceptions of the package, grouped by the reaction expected from the caller.
 
 ::
 
@@ -43,7 +43,7 @@ _FILE_FAILURES = {
 
 
 def joined(*messages: str) -> str:
-    """Return messages as one message, with their next steps in the same order at the end."""
+    """Join messages into one message, with their next steps at the end in the same order."""
     texts: list[str] = []
     steps: list[str] = []
     for message in messages:
@@ -63,7 +63,7 @@ def joined(*messages: str) -> str:
 
 
 def attributed(subject: str, verb: str, reason: str) -> str:
-    """Return ``'<subject> <verb>: <reason>'``; a reason that names the subject is not repeated."""
+    """Return ``'<subject> <verb>: <reason>'``; do not repeat the subject in the reason."""
     for known in ('rejected', 'failed'):
         _, found, rest = reason.rpartition(f'{subject} {known}: ')
         if found:
@@ -73,7 +73,7 @@ def attributed(subject: str, verb: str, reason: str) -> str:
 
 class ManipulatorError(Exception):
     """
-    Base of all errors that this package raises deliberately.
+    Base class of all errors that this package raises deliberately.
 
     `next_step` is the next step of the operator that ends a message without one.
     """
@@ -87,17 +87,17 @@ class ManipulatorError(Exception):
 
     @property
     def problem(self) -> str:
-        """Return the message without its next step, for a message with another next step."""
+        """Return the message without its next step, so that another next step can follow."""
         return str(self).partition(NEXT)[0]
 
     @property
     def remedy(self) -> str:
-        """Return the next step in the message, ``''`` for a message without one."""
+        """Return the next step contained in the message; ``''`` without a next step."""
         return str(self).partition(NEXT)[2]
 
 
 class ParameterError(ManipulatorError, ValueError):
-    """A parameter is not finite, out of range, or contradicts another parameter."""
+    """A parameter is not finite, is out of range, or contradicts another parameter."""
 
 
 class InputError(ManipulatorError):
@@ -134,12 +134,12 @@ class InputError(ManipulatorError):
 
     @staticmethod
     def not_finite(quantity: str, value: float) -> InputError:
-        """Return the rejection of a number that is not finite; the caller raises it."""
+        """Return the error for a number that is not finite; the caller raises it."""
         return InputError('not_finite', f'{quantity} = {value} is not a finite number')
 
     @staticmethod
     def out_of_order(quantity: str, lateness: float) -> InputError:
-        """Return the rejection of a message for its age relative to its predecessor [s]."""
+        """Return the error for a message older than its predecessor by `lateness` [s]."""
         relation = f'is {lateness:.3f} s older than'
         if lateness < 0.0005:  # 0.000 s would explain nothing
             relation = 'has the stamp of, or is less than 1 ms older than,'
@@ -150,7 +150,7 @@ def require_recent(
     quantity: str, age: float, maximum_age: float, maximum_lead: float
 ) -> None:
     """
-    Reject a message for its age [s]; a stamp in the future has a negative age.
+    Reject a message if its age [s] is out of range; a stamp in the future has a negative age.
 
     Raises an InputError with reason ``'stale'`` or ``'future'``.
     """
@@ -166,16 +166,16 @@ def require_recent(
 
 
 class CalibrationError(ManipulatorError):
-    """The measurements do not determine the calibration; the message names the parameters."""
+    """The measurements do not determine the calibration; the message lists the parameters."""
 
 
 class CommissioningError(ManipulatorError):
-    """A step of commissioning failed; the message contains the state of the machine."""
+    """A commissioning step failed; the message describes the state of the machine."""
 
 
 class LimitError(ManipulatorError):
     """
-    A quantity, such as ``'q2'`` or ``'q3 - q1'``, is beyond a limit of the machine.
+    A quantity, such as ``'q2'`` or ``'q3 - q1'``, exceeds a limit of the machine.
 
     Value and bound are in the unit, ``''`` for a pure number. The relation of the value to the
     bound completes the message, such as ``'below'`` or ``'not above'``. The parameter that sets
@@ -207,50 +207,50 @@ class LimitError(ManipulatorError):
 
 
 class UnreachableError(LimitError):
-    """The links are too short for the pose: no real solution of eqs 7-8."""
+    """The links are too short for the pose: eqs 7-8 have no real solution."""
 
     reason = 'unreachable'
     next_step = 'choose a pose within the reach of the links'
 
 
 class StrokeLimitError(LimitError):
-    """A carriage would leave the rail's stroke."""
+    """A carriage would leave the stroke of the rail."""
 
     reason = 'stroke'
     next_step = 'choose a pose nearer to the middle of the rail'
 
 
 class CarriageGapError(LimitError):
-    """Two carriages would come closer than the carriage gap."""
+    """Two carriages would be closer than the carriage gap."""
 
     reason = 'carriage_gap'
     next_step = 'choose a pose with more distance between the carriages'
 
 
 class SingularityError(LimitError):
-    """The pose is singular, beyond a singularity or too badly conditioned."""
+    """The pose is singular, beyond a singularity, or too badly conditioned."""
 
     reason = 'singularity'
     next_step = 'choose a pose farther from the singularity'
 
 
 class SetpointLimitError(LimitError):
-    """A setpoint is too far from the carriages or from the last setpoint."""
+    """A setpoint is too far from the carriages or from the previous setpoint."""
 
     reason = 'far_setpoint'
     next_step = 'begin the stream at end_effector_pose, within the limits of motion'
 
 
 class BusError(ManipulatorError):
-    """The CAN interface is missing, down, bus-off or rejects frames."""
+    """The CAN interface is missing, down or bus-off, or it rejects frames."""
 
 
 class DriveError(ManipulatorError):
-    """Base of the errors of one drive or of all three drives."""
+    """Base class of errors of one drive or of all three drives."""
 
 
 class DriveStateError(DriveError):
-    """The request is not possible in the present state; the message names the first step."""
+    """The request is impossible in the present state; the message states the first step."""
 
 
 class DriveTimeoutError(DriveError):
@@ -262,13 +262,13 @@ class DriveObjectError(DriveError):
 
 
 def file_reason(error: OSError) -> str:
-    """Return why a user's file cannot be used, without its path."""
+    """Return why a user's file cannot be used, without the file's path."""
     reason, _ = _FILE_FAILURES.get(error.errno or 0, (str(error.strerror), ''))
     return reason if error.filename is not None else str(error)
 
 
 def file_sentence(error: OSError) -> str:
-    """Return the failure of a user's file as one sentence with its path and the next step."""
+    """Describe the failure of a user's file in one sentence with its path and the next step."""
     if error.filename is None:
         return str(error)
     _, step = _FILE_FAILURES.get(error.errno or 0, ('', 'check this path'))

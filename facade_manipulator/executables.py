@@ -23,7 +23,7 @@ SETTINGS = {'MPLBACKEND': 'agg', 'MUJOCO_GL': 'disable'}
 
 
 def run(name: str, module: str) -> int:
-    """Run the function `main` of a module of this package; return its exit status."""
+    """Run the function `main` of a module in this package; return its exit status."""
     os.environ.update(SETTINGS)
     # an import takes a second, and an exception in it may be caught or printed
     before = signal.getsignal(signal.SIGINT)
@@ -43,7 +43,7 @@ INTERRUPTED = 130  # exit status, as a shell reports Ctrl-C
 
 
 def _end(_: int, __: FrameType | None) -> None:
-    """End the process at once, before anything has been started."""
+    """End the process at once, because nothing has been started yet."""
     os._exit(INTERRUPTED)
 
 

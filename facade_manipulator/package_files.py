@@ -1,5 +1,5 @@
 """
-Files: data of the package, files of the user, and folders of imported modules.
+Files: package data, user files, and directories of imported modules.
 
 Code and data of one version belong together. A checkout therefore uses its own files; an installed
 package uses the share directory of its ament prefix, or that of pip below ``sys.prefix``.
@@ -22,7 +22,7 @@ OVERLAY = 'machine.yaml'  # results of `commission`, beside the parameter file
 
 def config_path(relative: str | os.PathLike[str] = '') -> Path:
     """
-    Return the path of a file or folder below ``config/``, such as ``'drives/epos4.yaml'``.
+    Return the path of a file or directory in ``config/``, such as ``'drives/epos4.yaml'``.
 
     Raises a FileNotFoundError with every directory that was searched.
     """
@@ -42,7 +42,7 @@ def config_path(relative: str | os.PathLike[str] = '') -> Path:
 
 def machine_files(given: Sequence[Path] = ()) -> list[Path]:
     """
-    Return the parameter files of a machine; later files override earlier files.
+    Return the machine's parameter files; later files override earlier files.
 
     Without given files, the first is `MACHINE_FILE` of the working directory, or that of the
     package while none exists. An `OVERLAY` in the folder of the first given file, or else in the
@@ -60,7 +60,7 @@ def machine_files(given: Sequence[Path] = ()) -> list[Path]:
 
 def import_path() -> list[str]:
     """
-    Return the folders of imported modules, without the working directory.
+    Return the directories of imported modules, without the working directory.
 
     A ``can.py`` or ``queue.py`` of a user in that directory would run in this process. The folder
     of this package is searched last if it is the working directory.
@@ -73,7 +73,7 @@ def import_path() -> list[str]:
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
     """
-    Yield the path of a draft, which replaces the file if the block ends without an exception.
+    Yield the path of a draft, which replaces the file if the block raises no exception.
 
     After an exception the previous file stays. After a loss of power, one of the two files is
     complete. A file that is a mount point cannot be replaced: it is copied to ``NAME.bak`` and
@@ -101,7 +101,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 def _write_synchronised(path: Path, content: bytes) -> None:
-    """Write a file and wait until it is on the disk."""
+    """Write a file, and wait until its content is stored on the disk."""
     with path.open('wb') as file:
         file.write(content)
         file.flush()

@@ -1,5 +1,5 @@
 """
-Parameters of the core objects, each defined once in a frozen dataclass.
+Parameters of the core objects, each defined only once, in a frozen dataclass.
 
 A dataclass field defines name, default, unit, range and description. A parameter file, a test and
 a live change all create an instance of the dataclass, so the same check applies to them.
@@ -43,7 +43,7 @@ Class = TypeVar('Class')
 @dataclass(frozen=True)
 class ParameterInfo:
     """
-    Default, text, unit and range of a parameter; `live` if a running node can change it.
+    Default, description, unit and range of a parameter; `live` parameters may change at run time.
 
     `elements` names the elements of an array whose length is fixed.
     """
@@ -59,7 +59,7 @@ class ParameterInfo:
 
 def parameter(description: str, *, default: Any, unit: str = '', **info: Any) -> Any:
     """
-    Declare a dataclass field as a parameter; `info` are the other fields of `ParameterInfo`.
+    Declare a dataclass field as a parameter; `info` contains fields of `ParameterInfo`.
 
     The description is one line for the operator; the unit is appended. The default is a bool, int,
     float, str or a tuple of values of one of these types.
@@ -71,7 +71,7 @@ def parameter(description: str, *, default: Any, unit: str = '', **info: Any) ->
 
 
 def inherited(base: type, name: str, *, default: Any) -> Any:
-    """Declare a parameter of a base class again, with another default."""
+    """Redeclare a parameter of a base class with another default."""
     info = replace(parameter_fields(base)[name], default=default)
     return field(default=default, metadata={_KEY: info})
 
@@ -79,7 +79,7 @@ def inherited(base: type, name: str, *, default: Any) -> Any:
 @dataclass_transform(frozen_default=True, field_specifiers=(parameter, inherited))
 def settings(cls: type[Class]) -> type[Class]:
     """
-    Make a class a frozen dataclass that checks the range of each parameter of a new instance.
+    Make a class a frozen dataclass whose instances check the ranges of their parameters.
 
     Rules between fields belong in the ``__post_init__`` of the class, which runs after the check.
     """
@@ -95,7 +95,7 @@ def settings(cls: type[Class]) -> type[Class]:
 
 
 def parameter_fields(cls: Any, only: Collection[str] = ()) -> dict[str, ParameterInfo]:
-    """Return the parameters of settings by field name, optionally only some of them."""
+    """Return the parameters of a settings class by field name, optionally only some of them."""
     infos = {}
     for item in fields(cls):
         is_wanted = not only or item.name in only
@@ -105,7 +105,7 @@ def parameter_fields(cls: Any, only: Collection[str] = ()) -> dict[str, Paramete
 
 
 def full_name(prefix: str, name: str) -> str:
-    """Return the name of a parameter as users write it, such as ``limits.speed``."""
+    """Return the user's name of a parameter, such as ``limits.speed``."""
     return f'{prefix}.{name}' if prefix else name
 
 
@@ -125,14 +125,14 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def unknown(name: str, known: Iterable[str]) -> str:
-    """Return the message for an unknown parameter, which names the present or a similar name."""
+    """Return the message for an unknown parameter, with its new name or a similar name."""
     if present := RENAMED.get(name):
         return f"no longer a parameter '{name}'; next: write {present} in section /**"
     return f"no parameter '{name}'{nearest(name, known)}; next: correct or remove it"
 
 
 def _elements(name: str, value: Any, info: ParameterInfo) -> Sequence[Any]:
-    """Return the elements of a value; a scalar parameter has one element."""
+    """Return the elements of a value; a scalar has one element."""
     if not isinstance(info.default, tuple):
         return (value,)
     if not isinstance(value, (tuple, list)):
@@ -141,7 +141,7 @@ def _elements(name: str, value: Any, info: ParameterInfo) -> Sequence[Any]:
 
 
 def _require_type(name: str, value: Any, info: ParameterInfo) -> None:
-    """Check the type of a given value; as in ROS, an integer is not a double."""
+    """Check the type of a value; as in ROS, an integer is not accepted as a double."""
     for kind in map(type, _elements(name, info.default, info)):
         for element in _elements(name, value, info):
             if type(element) is not kind:
@@ -157,7 +157,7 @@ _TYPES = {
 
 
 def _wrong_type(name: str, element: Any, kind: type) -> ParameterError:
-    """Return the error for an element of another type; the caller raises it."""
+    """Return the error for an element of a wrong type; the caller raises it."""
     step = f'set {_TYPES[kind]}'
     if kind is float and type(element) is int:
         step = f'write {float(element)}'
@@ -170,14 +170,14 @@ LARGEST_EXACT = 2.0**53  # of the integers that a double holds
 
 
 def number_text(value: float) -> str:
-    """Return a number in six digits, a large integer in all of them, such as 4294967295."""
+    """Format a number with six digits; a large integer, such as 4294967295, with all digits."""
     if abs(value) < LARGEST_EXACT and value == int(value):
         return str(int(value))
     return f'{value:g}'
 
 
 def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
-    """Check a value; the error names the parameter, its value, its limit and unit."""
+    """Check the range of a value; the error contains name, value, limit and unit."""
     unit = f' {info.unit}' if info.unit else ''
     elements = _elements(name, value, info)
     if info.elements and len(elements) != len(info.elements):
@@ -208,7 +208,7 @@ def from_mapping(
     cls: type[Class], data: Mapping[str, Any], prefix: str = '', **defaults: Any
 ) -> Class:
     """
-    Return a frozen dataclass from values by the names of its fields.
+    Create a frozen dataclass from values by field name.
 
     Missing fields keep their defaults; `defaults` override those of the class. A list becomes a
     tuple. A field that is a dataclass is made from an inner mapping. `prefix` is the group of the
@@ -236,12 +236,12 @@ def from_mapping(
 
 
 def _fields_of(cls: Any) -> tuple[Field[Any], ...]:
-    """Return the fields of a dataclass, which a type checker does not know as such."""
+    """Return the fields of a class that a type checker does not recognise as a dataclass."""
     return fields(cls)
 
 
 def _converted(name: str, value: Any, item: Field[Any]) -> Any:
-    """Return the value of a field, checked with the parameter or with the default of the field."""
+    """Return a field's value, checked against its parameter or its default."""
     info = item.metadata.get(_KEY)
     if info is not None:
         _require_type(name, value, info)
@@ -257,7 +257,7 @@ def _converted(name: str, value: Any, item: Field[Any]) -> Any:
 
 def _require_like(name: str, value: Any, default: Any) -> None:
     """
-    Check the type of a field of a scenario with its default; an integer is also a double.
+    Check a scenario value against the type of its default; an integer is accepted as a double.
 
     Each element is like the first of the default. An empty default permits any elements, and no
     length is checked.
@@ -274,7 +274,7 @@ def _require_like(name: str, value: Any, default: Any) -> None:
 
 class ParameterSource:
     """
-    Parameters by full name, from which each set-up class reads its groups of settings.
+    Parameters by full name, from which each settings class reads its groups.
 
     Attributes
     ----------
@@ -297,7 +297,7 @@ class ParameterSource:
         **defaults: Any,
     ) -> Class:
         """
-        Return the settings of a group, with the arguments of `from_mapping`.
+        Return the settings of a group; the arguments are as for `from_mapping`.
 
         `only` are the fields in this group, by default all.
         """
@@ -314,7 +314,7 @@ _CHANGED = (_INTEGER, _FLOAT, 'tag:yaml.org,2002:timestamp')
 
 
 def _kept_resolvers() -> dict[str, list[tuple[str, re.Pattern[str]]]]:
-    """Return the resolvers of `yaml.SafeLoader` that ROS does not change, by first letter."""
+    """Return the resolvers of `yaml.SafeLoader` that ROS also uses, by first letter."""
     kept = {}
     for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items():
         kept[first] = [one for one in resolvers if one[0] not in _CHANGED]
@@ -322,14 +322,14 @@ def _kept_resolvers() -> dict[str, list[tuple[str, re.Pattern[str]]]]:
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML loader like that of ROS: 1e-3 is a number; 1_000, 1:30 and dates are strings."""
+    """YAML loader with the types of ROS: 1e-3 is a number; 1_000, 1:30 and dates are strings."""
 
     # the parent shares its table of resolvers with each loader of the process
     yaml_implicit_resolvers = _kept_resolvers()
 
 
 def _reject_leading_zeros(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> None:
-    """Raise an error: ROS reads 00012345 as the octal number 5349, and 00089 as 89.0."""
+    """Reject leading zeros: ROS reads 00012345 as the octal number 5349, and 00089 as 89.0."""
     raise ParameterError(
         f'line {node.start_mark.line + 1}: {node.value} has leading zeros, which make a number '
         f"octal; next: write {int(node.value)} for the decimal number, or '{node.value}' for a "
@@ -359,7 +359,7 @@ _Loader.add_implicit_resolver(
 
 def read_value(text: str | bytes) -> Any:
     """
-    Return the value of a YAML text as ROS reads it.
+    Return the value of a YAML text with the type that ROS would choose.
 
     Raises a ParameterError for a text that is not valid, and for a number with leading zeros.
     """
@@ -377,7 +377,7 @@ def read_value(text: str | bytes) -> Any:
 
 def read_sections(paths: Sequence[Path]) -> dict[str, dict[str, Any]]:
     """
-    Return the parameters in files by section, such as ``**/driver``, and by full name.
+    Return the parameters in files by section, such as ``**/driver``, then by full name.
 
     In a section later files override earlier files. Raises a ParameterError for a file that
     cannot be read.
@@ -400,7 +400,7 @@ def read_sections(paths: Sequence[Path]) -> dict[str, dict[str, Any]]:
 
 
 def _leaves(content: Any, place: str = '') -> Iterator[tuple[str, Any]]:
-    """Yield the place of each value, such as ``/driver/ros__parameters/limits/speed``."""
+    """Yield each value with its place, such as ``/driver/ros__parameters/limits/speed``."""
     if not isinstance(content, dict):
         yield place, content
         return
@@ -410,7 +410,7 @@ def _leaves(content: Any, place: str = '') -> Iterator[tuple[str, Any]]:
 
 def require_known_node(section: str, known: Iterable[str]) -> str:
     """
-    Return the node of a parameter file's section, ``''`` for all nodes.
+    Return the node to which a section of a parameter file applies; ``''`` for all nodes.
 
     Raises a ParameterError for an unknown node.
     """
@@ -425,7 +425,7 @@ def require_known_node(section: str, known: Iterable[str]) -> str:
 
 def read_parameters(paths: Sequence[Path], node: str) -> dict[str, Any]:
     """
-    Return the parameters that files give a node, by full name and merged as ROS does.
+    Return the parameters that files assign to a node by full name, merged as in ROS.
 
     A section overrides earlier sections; within a section a later file overrides an earlier file.
     Raises a ParameterError for a file that cannot be read, for a section of an unknown node, and

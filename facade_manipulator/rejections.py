@@ -1,4 +1,4 @@
-"""Rejections of an input, which distinguish rejected messages from a silent sender."""
+"""Rejected messages of an input, so that they are distinguished from a silent sender."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from facade_manipulator.errors import ManipulatorError
 
 
 class Rejections:
-    """Series of rejected messages of one input since its newest valid message, by reason."""
+    """Series of rejected messages by reason, since the newest valid message of an input."""
 
     PAUSE = 2.0  # s without a rejection, after which the sender counts as silent
 
@@ -17,7 +17,7 @@ class Rejections:
         self._series: dict[str, tuple[str, float]] = {}
 
     def add(self, now: float, error: ManipulatorError) -> None:
-        """Add a rejection at a time [s]; a series keeps the message of its first rejection."""
+        """Add a rejection at a time [s]; a series stores the message of its first rejection."""
         reason = getattr(error, 'reason', 'other')
         message, newest = self._series.get(reason, ('', -math.inf))
         if now - newest > self.PAUSE:
@@ -26,12 +26,12 @@ class Rejections:
         self._series[reason] = message, now
 
     def clear(self) -> None:
-        """End all series, because a message is valid."""
+        """End all series, because a valid message was received."""
         self._series.clear()
 
     def message(self, now: float) -> str:
         """
-        Return the first message of the oldest series at a time [s], ``''`` while none continues.
+        Return the first message of the oldest current series at a time [s], or ``''``.
 
         The message does not change while a series continues, so that a report is published once.
         """

@@ -1,5 +1,5 @@
 """
-Time-outs of the end of the driver, each of which must exceed another.
+Time-outs for the end of the driver; each level must wait longer than the level below it.
 
 The end of the driver consists of levels. Each level waits for the level below it, and ends it by
 force after its own time-out. A shorter time-out would interrupt an orderly stop. Therefore each
@@ -44,5 +44,5 @@ DRIVER_TIMEOUT = CLOSE_TIMEOUT + STOP_AND_CUT * SLOWEST_BRAKING + 1.0
 
 
 def braking_time(longest_stop: float) -> float:
-    """Return the time that quick stops of a duration add to the end of the driver [s]."""
+    """Return the additional time that long quick stops require at the end of the driver [s]."""
     return STOP_AND_CUT * longest_stop

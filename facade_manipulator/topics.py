@@ -1,5 +1,5 @@
 """
-Topics and services of a manipulator: type, name and quality of service, each defined once.
+Topics and services of a manipulator, with type, name and quality of service.
 
 Names are relative to the namespace of the node. The fields are in the order of rclpy:
 ``node.create_publisher(*GOAL_POSE)``, ``node.create_service(*SOLVE, callback)``.
@@ -50,20 +50,20 @@ QUEUE = QoSProfile(
 
 
 class Topic(NamedTuple):
-    """Topic with its type, its name and the quality of service of its publishers."""
+    """Topic: message type, name, and the quality of service of its publishers."""
 
     type: type[Any]
     name: str
     qos: QoSProfile
 
     def __hash__(self) -> int:
-        """Return the hash of the name, because a QoSProfile has no hash."""
+        """Return the hash of the name, because a QoSProfile is not hashable."""
         return hash(self.name)
 
     @property
     def subscription_qos(self) -> QoSProfile:
         """
-        Return the quality of service of subscriptions, which are volatile.
+        Return the quality of service for subscriptions, which are volatile.
 
         A volatile subscription receives from every publisher, also from `ros2 topic pub`, and no
         message from before the subscription.
@@ -76,18 +76,18 @@ class Topic(NamedTuple):
 
 
 class LatchedTopic(Topic):
-    """Topic of a state, whose last messages a later subscriber receives."""
+    """Topic of a state, whose last messages also reach later subscribers."""
 
     __slots__ = ()
 
     @property
     def subscription_qos(self) -> QoSProfile:
-        """Return the quality of service of subscriptions, which is that of the publishers."""
+        """Return the quality of service for subscriptions; it equals that of the publishers."""
         return self.qos
 
 
 class Service(NamedTuple):
-    """Service with its type and name."""
+    """ROS service: interface type and name."""
 
     type: type[Any]
     name: str

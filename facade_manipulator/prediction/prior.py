@@ -69,7 +69,7 @@ def noise_moments() -> Moments:
 
 
 def _moments(states: np.ndarray, power: np.ndarray, later: np.ndarray) -> Moments:
-    """Return the moments of tones of a given power that become `later` after the horizons."""
+    """Return the moments of tones with a given power, which become `later` after the horizons."""
     tones, level = features(states)
     moves = later - level[:, None]
     weighted = power[:, None] * tones.conj()

@@ -57,7 +57,7 @@ def figure_6(study: Study) -> Figure:
 
 
 def figure_7(study: Study) -> Figure:
-    """Draw the singular configurations: four cases of the paper and the case that it misses."""
+    """Draw the singular configurations: four cases of the paper, and one missing in the paper."""
     geometry = design(*EXAMPLE, study.geometry.stroke_length)
     title = f'Figure 7: singular configurations, {lengths(geometry)}'
     made = drawing.figure(10.0, 5.0, title)

@@ -1,1 +1,1 @@
-"""Programs for commissioning and calibration; no module of the machine imports them."""
+"""Programs for commissioning and calibration, which no module of the machine imports."""

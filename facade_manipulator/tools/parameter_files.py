@@ -1,5 +1,5 @@
 """
-Parameter files of a machine, which every tool finds, checks and names in the same way.
+Parameter files of a machine, which all tools find, check and print in the same way.
 
 The tools read a file without ROS and reject it as the nodes do. The set-up class of a node reads
 the settings that this node declares as ROS parameters.
@@ -24,14 +24,14 @@ from facade_manipulator.parameters import (
 
 
 def announce(tool: str, files: Sequence[Path]) -> None:
-    """Print the parameter files that a tool reads, on standard error."""
+    """Print the parameter files that a tool reads on standard error."""
     names = ', then '.join(map(str, files))
     print(f'{tool}: parameters of {names}', file=sys.stderr)
 
 
 def read_machine(files: Sequence[Path], node: str) -> dict[str, Any]:
     """
-    Return the parameters that files give a node, by full name.
+    Return the parameters that files assign to a node, by full name.
 
     Raises a ParameterError for a file or a value that the node rejects, and for a name that the
     node does not have. In a section for all nodes, another node may have the name.

@@ -1,5 +1,5 @@
 """
-Executable ``stopping``: compute the distances left between carriages after a failure.
+Executable ``stopping``: compute the distances that remain between carriages after a failure.
 
 The tool reads parameter files as the driver does.
 """
@@ -24,7 +24,7 @@ COASTING_DECELERATION = (
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table; return 1 if the driver would reject these parameters."""
+    """Print the table; return 1 if the driver would reject the parameters."""
     parser = argparse.ArgumentParser(
         prog='stopping', description='Print the distances that remain after a failure.'
     )
@@ -59,7 +59,7 @@ def read_analysis(paths: Sequence[Path]) -> StoppingAnalysis:
 
 
 def print_table(analysis: StoppingAnalysis, coasting: float) -> None:
-    """Print the distances after failures and stops; raises the ParameterErrors of the driver."""
+    """Print the distances that remain after failures and stops; raises as the driver does."""
     print(f'{"when":38}{"minimum distance":>16}{"safe from gap":>15}')
     for name, distance, gap in analysis.outcomes:
         print(f'{name:38}{MM * distance:13.1f} mm{MM * gap:12.1f} mm')

@@ -1,4 +1,4 @@
-"""Executable ``calibrate``: geometry of the machine, and mounting and delay of its estimator."""
+"""Executable ``calibrate``: fit the machine's geometry, or an estimator's mounting and delay."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from facade_manipulator.topics import HEAD_ON_WALL
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status."""
+    """Run a command; return its exit status."""
     options = _parser().parse_args(arguments)
 
     def run() -> None:
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def plan_poses(options: argparse.Namespace) -> Iterator[str]:
-    """Yield a table of poses to measure, with empty cells for the measured head poses."""
+    """Yield a table of carriage positions to measure, with empty cells for the head poses."""
     drawing = _geometry(options)
     carriages = geometry_fit.spread_carriages(drawing, options.count)
     yield 'goal_x,goal_y,goal_qz,goal_qw,q1_mm,q2_mm,q3_mm,x_mm,y_mm,theta_deg'
@@ -54,7 +54,7 @@ def plan_poses(options: argparse.Namespace) -> Iterator[str]:
 
 
 def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
-    """Yield the geometric errors of the machine and the lines of the parameter file."""
+    """Yield the geometric errors of the machine, then lines for the parameter file."""
     drawing = _geometry(options)
     table = read_table(options.table, AXIS_NAMES, HEAD_AXES)
     measurements = geometry_fit.Measurements(table[:, :3], table[:, 3:])
@@ -85,7 +85,7 @@ def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
 
 
 def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
-    """Yield mounting and delay of the estimator and the lines of the parameter file."""
+    """Yield mounting and delay of the estimator, then lines for the parameter file."""
     recording = read_estimator_recording(
         options.recording, options.head, options.namespace
     )

@@ -1,4 +1,4 @@
-"""Reader of CSV tables from spreadsheets, with the unit in the name of each column."""
+"""Reader of CSV tables from spreadsheets; the name of each column contains the unit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def read_table(
     path: Path, required: Sequence[str], optional: Sequence[str] = ()
 ) -> np.ndarray:
     """
-    Return columns of a CSV file in SI units, shape (n, number of columns).
+    Return the columns of a CSV file in SI units, shape (n, number of columns).
 
     The name of a column is plain (m, rad) or ends with a unit: ``x_mm``, ``theta_deg``. Columns
     are separated by commas, or by semicolons with decimal commas. Missing optional columns and
@@ -68,7 +68,7 @@ def _columns(
     path: Path, header: Sequence[str], required: Sequence[str], optional: Sequence[str]
 ) -> dict[str, tuple[int, float]]:
     """
-    Return the column of the table and the factor to SI units of each title that is read.
+    Return, for each title that is read, its column and the factor to SI units.
 
     Raises a CalibrationError for a title that is unknown, missing or double.
     """

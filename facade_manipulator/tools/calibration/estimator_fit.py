@@ -1,5 +1,5 @@
 """
-Mounting and delay of an estimator from a recording.
+Fit of an estimator's mounting and delay to a recording.
 
 A second instrument measures the pose of the head on the wall. The carriages give the pose of the
 head on the rail. The published disturbance relates the two poses. The fit also finds the pose of
@@ -57,7 +57,7 @@ def fit_estimator(
     geometry: Geometry, recording: EstimatorRecording, present: EstimateSettings
 ) -> EstimatorFit:
     """
-    Return mounting and delay of an estimator on a machine whose geometry is calibrated.
+    Return mounting and delay of an estimator on a machine with calibrated geometry.
 
     `present` contains the angle of the estimator's axes and all other settings. Raises a
     CalibrationError if the recording is too short, contradicts itself or does not show mounting
@@ -81,7 +81,7 @@ def fit_estimator(
     drift = np.vander(np.linspace(-1.0, 1.0, len(times)), 3, increasing=True)
 
     def misses(scaled: np.ndarray) -> np.ndarray:
-        """Return measured minus expected heads on the wall [m, m, rad], shape (n, 3)."""
+        """Return measured minus expected head poses on the wall [m, m, rad], shape (n, 3)."""
         values = scaled * SCALES
         delay, late = np.clip(values[[DELAY, LATE]], -LONGEST_DELAY, LONGEST_DELAY)
         disturbances = published(times - late + delay)
@@ -138,7 +138,7 @@ def expected_heads(
     frames: np.ndarray,
 ) -> np.ndarray:
     """
-    Return the heads in the instrument's frame, shape (n, 3) [m, m, rad].
+    Return the expected head poses in the instrument's frame, shape (n, 3) [m, m, rad].
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def expected_heads(
 
 
 def _complex(poses: np.ndarray) -> np.ndarray:
-    """Return the places of poses as complex numbers x + i y [m]."""
+    """Return the positions of poses as complex numbers x + i y [m]."""
     return poses[:, 0] + 1j * poses[:, 1]
 
 
@@ -173,7 +173,7 @@ MOST_SAMPLES = 3000
 
 
 def _in_common(recording: EstimatorRecording) -> EstimatorRecording:
-    """Return the period common to all series; stamps count from the first disturbance [s]."""
+    """Return the time span common to all series; stamps count from its first disturbance [s]."""
     # seconds since 1970 leave too few digits for a delay
     start = recording.disturbance[0, 0]
     series = [table - [start, 0.0, 0.0, 0.0] for table in recording]
@@ -196,7 +196,7 @@ CUTOFF = 3.0  # Hz, well above the sway of a gondola
 
 def _smoothed(disturbance: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """
-    Return the published disturbance below 3 Hz as a function of its stamps.
+    Return the published disturbance, low-pass filtered at 3 Hz, as a function of its stamps.
 
     Remaining noise of the yaw would count as motion and shorten the lever arm.
     """
@@ -213,7 +213,7 @@ def _smoothed(disturbance: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def correlated_samples(series: np.ndarray) -> float:
-    """Return the number of samples in one independent sample: 1 + 2 Σ ρ to the first zero of ρ."""
+    """Return the number of samples per independent sample: 1 + 2 Σ ρ up to the first zero of ρ."""
     spectrum = np.abs(np.fft.rfft(series - series.mean(), 2 * len(series))) ** 2
     rho = np.fft.irfft(spectrum)[: len(series)]
     rho /= max(rho[0], 1e-300)

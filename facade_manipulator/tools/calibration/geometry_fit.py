@@ -1,5 +1,5 @@
 """
-Errors of the machine's geometry from measured poses of its head.
+Fit of the machine's geometric errors to measured poses of its head.
 
 The drawing counts as one more measurement of each error, with the drawing's tolerance as standard
 deviation. The fit is therefore defined for any number of poses. A combination of errors that the
@@ -58,18 +58,18 @@ FIELDS = 'link_errors', 'platform_errors', 'carriage_offsets', 'rail_angle', 'to
 
 
 class Measurements(NamedTuple):
-    """Poses of the head measured at carriage positions."""
+    """Head poses measured at given carriage positions."""
 
     carriages: np.ndarray  #: as the drives count them, shape (n, 3) [m]
     heads: np.ndarray  #: shape (n, 3) [m, m, rad]; NaN where not measured
 
     def at(self, rows: np.ndarray) -> Measurements:
-        """Return the measurements in some rows."""
+        """Return the measurements in the given rows."""
         return Measurements(self.carriages[rows], self.heads[rows])
 
 
 class GeometryFit(NamedTuple):
-    """Result of a calibration: the machine and the quality of the fit."""
+    """Result of a calibration: the calibrated machine and the quality of the fit."""
 
     geometry: Geometry
     frame: Pose  #: pose of the rail in the instrument's frame [m, m, rad]
@@ -102,7 +102,7 @@ def head_poses(
     geometry: Geometry, carriages: np.ndarray, frame: Pose = ZERO_POSE
 ) -> np.ndarray:
     """
-    Return poses of the head, shape (n, 3) [m, m, rad]; NaN where the kinematics has no pose.
+    Return head poses, shape (n, 3) [m, m, rad]; NaN if the kinematics has no solution.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def head_poses(
 
 
 def head_differences(heads: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return differences of poses, with θ in [−π, π), shape (n, 3) [m, m, rad]."""
+    """Return pose differences with θ in [−π, π), shape (n, 3) [m, m, rad]."""
     differences = heads - others
     differences[:, 2] = (differences[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     return differences
@@ -151,7 +151,7 @@ def fit_geometry(
     has_frame: bool = False,
 ) -> GeometryFit:
     """
-    Return the errors of a machine, fitted to measured poses.
+    Fit the errors of a machine to measured poses; return the result.
 
     Parameters
     ----------
@@ -176,13 +176,13 @@ def fit_geometry(
     drawn = np.hstack([*(getattr(drawing, name) for name in FIELDS), frame])
 
     def values(scaled: np.ndarray) -> np.ndarray:
-        """Return all errors [m, rad] from the fitted errors in units of their tolerances."""
+        """Convert fitted errors in units of their tolerances to all errors [m, rad]."""
         changed = drawn.copy()
         changed[sought] += TOLERANCES[sought] * scaled
         return changed
 
     def expected(scaled: np.ndarray, carriages: np.ndarray) -> np.ndarray:
-        """Return poses of the head in the instrument's frame, shape (n, 3) [m, m, rad]."""
+        """Return head poses in the instrument's frame, shape (n, 3) [m, m, rad]."""
         try:
             geometry, seen_from = machine(drawing, values(scaled))
         except ParameterError:  # a step beyond the permitted range of a parameter
@@ -190,7 +190,7 @@ def fit_geometry(
         return head_poses(geometry, carriages, seen_from)
 
     def misses(scaled: np.ndarray) -> np.ndarray:
-        """Return measured minus expected heads in standard deviations, shape (n, 3)."""
+        """Return measured minus expected head poses in standard deviations, shape (n, 3)."""
         return head_differences(heads, expected(scaled, carriages)) / noise
 
     scaled, jacobian, used = _fit_rows(misses, np.isfinite(heads), len(sought))
@@ -228,7 +228,7 @@ def fit_geometry(
 
 
 def _first_frame(drawing: Geometry, measurements: Measurements) -> Pose:
-    """Return the rail in the instrument's frame approximately, from the first complete row."""
+    """Return the approximate rail pose in the instrument's frame, from the first complete row."""
     complete = np.flatnonzero(np.isfinite(measurements.heads).all(axis=1))
     if not len(complete):
         return ZERO_POSE
@@ -247,7 +247,7 @@ def _greatest_deviation(
     scaled: np.ndarray,
     covariance: np.ndarray,
 ) -> np.ndarray:
-    """Return the maximum standard deviation of expected heads, shape (3,) [m, m, rad]."""
+    """Return the maximum standard deviation of the expected head poses, shape (3,) [m, m, rad]."""
     differences = []
     for step in DIFFERENCE_STEP * np.eye(len(scaled)):
         ahead = expected(scaled + step)
@@ -268,11 +268,11 @@ MOST_SCATTER = 5.0  # times the stated noise
 def _fit_rows(
     misses: Callable[[np.ndarray], np.ndarray], measured: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return errors in tolerances, Jacobian of the residuals, and a mask of the used numbers."""
+    """Return errors in units of tolerances, Jacobian of the residuals, and mask of used values."""
     used = measured
 
     def residuals(scaled: np.ndarray) -> np.ndarray:
-        """Return the errors of the used numbers, and those of the drawing."""
+        """Return the residuals of the used values and the differences from the drawing."""
         return np.append(misses(scaled)[used], scaled)
 
     if measured.sum() <= count:
@@ -297,7 +297,7 @@ def _fit_rows(
 
 
 def in_units(pose: np.ndarray) -> str:
-    """Return the finite values among x, y and θ [m, m, rad] in mm and degrees."""
+    """Format the finite values of a pose in mm and degrees."""
     finite = []
     for axis, value, (unit, factor) in zip(HEAD_AXES, pose, HEAD_UNITS, strict=True):
         if np.isfinite(value):
@@ -312,7 +312,7 @@ def held_out_errors(
     drawing: Geometry, measurements: Measurements, noise: np.ndarray, found: GeometryFit
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the RMS errors of the head, before and after a fit, at rows left out of this fit.
+    Return the head's RMS errors before and after a fit, at rows that are not used in this fit.
 
     Every fourth row is left out. Each array has the shape (3,) [m, m, rad]. Raises a
     CalibrationError if the other rows are not enough for a fit.
@@ -337,7 +337,7 @@ MIN_POSE_CONDITIONING = 0.1  # of the poses to measure at
 
 
 def permitted_carriages(geometry: Geometry) -> np.ndarray:
-    """Return carriage positions on a grid of the permitted workspace, shape (n, 3) [m]."""
+    """Return a grid of carriage positions in the permitted workspace, shape (n, 3) [m]."""
     least, greatest = geometry.stroke
     stroke = (least + MEASUREMENT_MARGIN, greatest - MEASUREMENT_MARGIN)
     gap = geometry.carriage_gap + MEASUREMENT_MARGIN
@@ -356,7 +356,7 @@ def permitted_carriages(geometry: Geometry) -> np.ndarray:
 
 def spread_carriages(geometry: Geometry, count: int) -> np.ndarray:
     """
-    Return well-spread carriage positions of the permitted workspace, shape (count, 3) [m].
+    Return evenly spread carriage positions in the permitted workspace, shape (count, 3) [m].
 
     Each position is the farthest in actuator space from the positions already chosen.
     """

@@ -1,4 +1,4 @@
-"""Reader of the estimator's series in a rosbag2 recording."""
+"""Reader of estimator data from a rosbag2 recording."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def read_estimator_recording(
     path: Path, head: str = HEAD_ON_WALL.name, namespace: str = ''
 ) -> EstimatorRecording:
     """
-    Return the disturbance, the carriages and the head on the wall from a recording [m, m, rad].
+    Return disturbances, carriage positions and head poses [m, m, rad] from a recording.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def read_estimator_recording(
 
 
 def _by_stamp(recorded: list[Any]) -> list[tuple[float, ...]]:
-    """Return stamp [s] and numbers of each valid message, sorted by unique stamps."""
+    """Return stamp [s] and values of each valid message, sorted, without repeated stamps."""
     rows: dict[float, Pose | Carriages] = {}
     for message in recorded:
         with suppress(InputError):  # the nodes also rejected this message
@@ -83,7 +83,7 @@ def _by_stamp(recorded: list[Any]) -> list[tuple[float, ...]]:
 
 
 def _numbers(message: Any) -> Pose | Carriages:
-    """Return the pose, or the positions of the carriages, of a recorded message [m, m, rad]."""
+    """Return the pose or carriage positions in a recorded message [m, m, rad]."""
     if hasattr(message, 'position'):
         return Carriages(
             *planar_messages.carriages_from(

@@ -1,4 +1,4 @@
-"""Robust least squares, and the combinations of parameters that the data do not determine."""
+"""Robust least squares, and a report of parameter combinations that the data do not determine."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def fit(
     residuals: Callable[[np.ndarray], np.ndarray], start: np.ndarray, loss: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the least-squares parameters and the Jacobian of the residuals at them.
+    Return the least-squares parameters, and the Jacobian of the residuals at this solution.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def unidentified(
     jacobian: np.ndarray, needed: np.ndarray, names: Sequence[str]
 ) -> list[str]:
     """
-    Return the combinations of parameters that the data do not determine, in words.
+    Describe the parameter combinations that the data do not determine.
 
     A combination is a right singular vector of the Jacobian in units of the required standard
     deviations. A singular value below 1 means a deviation larger than required.
@@ -76,5 +76,5 @@ def unidentified(
 
 
 def deviation(residuals: np.ndarray) -> np.ndarray:
-    """Return the standard deviation of each column about 0 from its median."""
+    """Return the standard deviation of each column about 0, computed from the median."""
     return np.asarray(1.4826 * np.median(np.abs(residuals), axis=0))

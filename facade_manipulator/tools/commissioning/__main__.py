@@ -1,4 +1,4 @@
-"""Executable ``commission``: set-up of new drives until the machine homes, without ROS."""
+"""Executable ``commission``: set up new drives until the machine can home, without ROS."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from facade_manipulator.tools.parameter_files import announce
 
 
 def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
-    """Run a command; return its exit status. `access` gives the context its bus and clock."""
+    """Run a command; return its exit status. `access` provides bus and clock for the context."""
     options = _parser().parse_args(arguments)
     for name in ('can', 'canopen'):  # the command itself reports their errors
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
@@ -52,7 +52,7 @@ STEPS = [
 
 
 def run_status(context: Context) -> None:
-    """Print the completed steps with their times, and the next command."""
+    """Print the completed steps with their times, followed by the next command."""
     done = context.overlay.steps()
     for step in dict.fromkeys([*STEPS, *done]):
         print(f'{step:20}{done.get(step, "-")}')
@@ -63,7 +63,7 @@ def run_status(context: Context) -> None:
 def _length(
     least: float, most: float, default: str, unit: str = 'MM'
 ) -> dict[str, Any]:
-    """Return the details of an argument in mm or mm/s, stored in SI units and not 0."""
+    """Return the settings of an argument in mm or mm/s, stored in SI units; 0 is rejected."""
 
     def length(text: str) -> float:
         value = float(text)
@@ -82,7 +82,7 @@ def _length(
 
 
 def _common() -> argparse.ArgumentParser:
-    """Return the options of each command; parsers that share them would share their defaults."""
+    """Return the options of every command, anew: shared options would share default values."""
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     common.add_argument(
         '--parameters',

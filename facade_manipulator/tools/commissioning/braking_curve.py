@@ -1,5 +1,5 @@
 """
-Deceleration of a carriage from its positions during a stop.
+Fit of a carriage's deceleration to its positions during a stop.
 
 A carriage moves at the speed v, continues for a delay d, and brakes with the deceleration a. Its
 servo follows this motion with a lag L of first order. The distance from the stop to rest is
@@ -20,7 +20,7 @@ import numpy as np
 
 
 class Deceleration(NamedTuple):
-    """Estimated deceleration with its uncertainty [m/s²]."""
+    """Estimated deceleration and its uncertainty [m/s²]."""
 
     best: float
     least: float
@@ -92,7 +92,7 @@ def _travel(
     times: np.ndarray, speed: float, delay: float, deceleration: float, lag: float
 ) -> np.ndarray:
     """
-    Return the distances that a carriage has moved since the begin of its stop [m].
+    Return the distances travelled by a carriage since the start of its stop [m].
 
     With the demanded distance s(t), a lag L lets the carriage move with the velocity u of
     L u' + u = s' from u = s' = v. The distance since the stop is s + L (v − u).

@@ -1,4 +1,4 @@
-"""Commands that move or measure carriages: `direction`, `jog`, `lead`, `home-switch`, `lag`."""
+"""Commands that move carriages or measure their motion."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PATIENCE = 120.0  # s
 
 
 def run_direction(context: Context) -> None:
-    """Write the direction of an axis after the operator has pushed its carriage towards +q."""
+    """Determine the direction of an axis, whose carriage the operator pushes towards +q."""
     name = context.options.axis
     needed = abs(context.axes[name].to_counts(_PUSHED))
     context.agree(
@@ -66,7 +66,7 @@ def run_jog(context: Context) -> None:
 
 
 def _move(context: Context, distance: float) -> float:
-    """Move by a distance [m]; return and print the displacement according to the encoder [m]."""
+    """Move by a distance [m]; print and return the displacement measured by the encoder [m]."""
     name = context.options.axis
     speed = context.options.speed
     with powered(context, f'by {MM * distance:+g} mm', abs(distance), speed) as motion:
@@ -78,7 +78,7 @@ def _move(context: Context, distance: float) -> float:
 
 
 def run_lead(context: Context) -> None:
-    """Move with the present lead, ask for the real distance, and correct the lead."""
+    """Move with the present lead, ask the operator for the real distance, and correct the lead."""
     name = context.options.axis
     lead = context.axes[name].lead
     print(
@@ -110,7 +110,7 @@ _INDEX_METHODS = (7, 8, 11, 12)  # home at an index pulse of the encoder beside 
 
 
 def run_home_switch(context: Context) -> None:
-    """Approach the switch repeatedly; report the spread, and write the homing method."""
+    """Approach the switch repeatedly; print the spread, and write the homing method."""
     name = context.options.axis
     speed = context.options.speed
     count = context.options.approaches
@@ -161,7 +161,7 @@ def run_home_switch(context: Context) -> None:
 
 
 def _deviations(axes: dict[str, AxisSnapshot]) -> list[float]:
-    """Return the targets minus the positions of the axes [m]."""
+    """Return target minus position of each axis [m]."""
     return [(one.target or 0.0) - (one.position or 0.0) for one in axes.values()]
 
 
@@ -172,7 +172,7 @@ def _is_on(axis: AxisSnapshot) -> bool:
 def _find_edge(
     motion: Motion, name: str, speed: float, is_on: bool, beyond: float = 0.0
 ) -> float:
-    """Move until the switch changes, then a distance further; return its edge [m]."""
+    """Move until the switch changes, then a given distance further; return the switch edge [m]."""
     edge = None
     for axes in motion.go(speed):
         position = axes[name].position or 0.0
@@ -195,7 +195,7 @@ _MS = 1e3
 
 
 def run_lag(context: Context) -> None:
-    """Measure the lag of each carriage behind its target at two speeds; write the mean lag [s]."""
+    """Measure each carriage's lag behind its target at two speeds; write the mean lag [s]."""
     errors = []
     with powered(
         context,

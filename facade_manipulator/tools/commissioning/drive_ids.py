@@ -1,5 +1,5 @@
 """
-Commands `scan` and `assign`: a list of the drives on the bus, and node ids through LSS.
+Commands `scan` and `assign`: list the drives on the bus, and assign node ids through LSS.
 
 References
 ----------
@@ -32,7 +32,7 @@ from facade_manipulator.tools.commissioning.tool_bus import (
 
 
 def run_scan(context: Context) -> None:
-    """Print the nodes on the bus; fail if they differ from the parameters."""
+    """Print the nodes on the bus; fail if they do not match the parameters."""
     problems = []
     with context.bus() as bus:
         serials = bus.serial_numbers(NODE_IDS)
@@ -71,13 +71,13 @@ def run_scan(context: Context) -> None:
 
 
 def _is_drive(bus: ToolBus, node_id: int) -> bool:
-    """Return whether a node is a drive instead of an I/O module."""
+    """Return whether a node is a drive; for example, an I/O module is not a drive."""
     device_type = bus.number(node_id, indices.DEVICE_TYPE) or 0
     return device_type & 0xFFFF == configuration.DEVICE_PROFILE
 
 
 def run_assign(context: Context) -> None:
-    """Give each drive the node id of its carriage, store the id, and record it."""
+    """Assign each drive the node id of its carriage, store it in the drive, and record it."""
     node_ids = {name: axis.node_id for name, axis in context.axes.items()}
     serials = context.options.serials or []
     if len({*serials}) < len(serials):
@@ -140,7 +140,7 @@ def run_assign(context: Context) -> None:
 
 
 def _axis_of(context: Context, found: Identity) -> str:
-    """Return the axis that a drive moves, '' for a drive that gets no node id."""
+    """Return the axis that a drive moves; '' for a drive that receives no node id."""
     if serials := context.options.serials:
         return dict(zip(serials, AXIS_NAMES, strict=True)).get(found.serial_number, '')
     answer = context.ask(
@@ -164,7 +164,7 @@ def _configure(
     is_stored: bool = False,
 ) -> None:
     """
-    Set the node id of one node or of all nodes, and wait until they have booted.
+    Set the node id of one node, or of all nodes, and wait until they have booted.
 
     Some nodes use the id only after a reset of communication. Raises a CommissioningError if a
     node does not take or store it.

@@ -1,5 +1,5 @@
 """
-Commands `profile`, `backup` and `restore` for the objects of a drive.
+Commands `profile`, `backup` and `restore` for the objects of drives.
 
 References
 ----------
@@ -37,7 +37,7 @@ Objects = dict[Key, ODVariable]
 
 
 def run_profile(context: Context) -> None:
-    """Compare the drives with their profiles; fail if a drive differs."""
+    """Compare all drives with their profiles; fail if a drive differs."""
     context.agree(
         'The objects of the profiles are written to the drives, read back, and undone '
         'by a reset. Nothing is stored, nothing moves.'
@@ -76,7 +76,7 @@ _CYCLIC_POSITION = 1 << 7  # in 6502h
 def differences(
     drive: SdoChannel, axis: AxisSettings, writes: list[Write]
 ) -> Steps[list[str]]:
-    """Return every difference of a drive from its profile; raises a DriveTimeoutError."""
+    """Describe every difference of a drive from its profile; raises a DriveTimeoutError."""
     profile = load_profile(axis.profile)
     read = drive.read_optional
     found = []
@@ -101,7 +101,7 @@ def differences(
 
 
 def run_backup(context: Context) -> None:
-    """Read the identity and all settings that an EDS names; write them as a DCF."""
+    """Read the identity and all settings that an EDS lists, and write them to a DCF."""
     name = context.options.axis
     eds = context.options.eds or load_profile(context.axes[name].profile).eds
     path = context.options.file or context.overlay.path.with_name(f'machine.{name}.dcf')
@@ -160,7 +160,7 @@ _STORING_TIME = 5.0  # s
 
 
 def run_restore(context: Context) -> None:
-    """Print the differences, ask, write and store the values, and compare them after a reset."""
+    """Print the differences, ask, write and store the values; compare again after a reset."""
     name = context.options.axis
     path = context.options.file
     profile = load_profile(context.axes[name].profile)
@@ -216,7 +216,7 @@ _ALL_BITS = -1  # mask of an object of any size
 
 
 def _write(key: Key, variable: ODVariable) -> Write:
-    """Return the write of a value; an integer has the size of the object in the drive."""
+    """Return the write for a value; an integer has the size of the object in the drive."""
     if isinstance(variable.value, int):
         return Write(*key, variable.value, read_back=_ALL_BITS)
     data = variable.encode_raw(variable.value)  # type: ignore[arg-type]  # the value is set

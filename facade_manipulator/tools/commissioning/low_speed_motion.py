@@ -1,5 +1,5 @@
 """
-Slow motion of carriages under power, within a window around their initial positions.
+Slow motion of powered carriages, within a window around their initial positions.
 
 The driver's controller moves the carriages, with its configuration, supervision and stops. Homing
 method 37 or 35 sets the present positions to zero, so that no switch is needed. The controller
@@ -32,7 +32,7 @@ RAMP_ACCELERATION = 1.0  # m/s²
 
 class _Ramp:
     """
-    Targets with the same displacement of all moved axes from their start [m].
+    Ramp of targets; all moved axes have the same displacement from their starting positions [m].
 
     The speed approaches the goal [m/s] with `RAMP_ACCELERATION`, and 0 at the window's limits.
     """
@@ -48,11 +48,11 @@ class _Ramp:
 
     @property
     def at_rest(self) -> bool:
-        """Return whether the targets are at rest."""
+        """Return whether the targets have come to rest."""
         return self.speed == 0.0
 
     def reset(self, positions: PerCarriage) -> None:
-        """Start at positions [m]."""
+        """Start at the given positions [m]."""
         self._start = positions
         self.displacement = 0.0
         self.speed = 0.0
@@ -66,7 +66,7 @@ class _Ramp:
         """Continue from the last target; the elapsed time [s] has no effect."""
 
     def withdraw(self) -> None:
-        """Undo the last `sample`, whose positions were not sent."""
+        """Undo the last `sample`, because its positions were not sent."""
         self.displacement, self.speed = self._before
 
     def sample(self, reach_time: float) -> PerCarriage:
@@ -92,7 +92,7 @@ class _Ramp:
 
 
 class Motion:
-    """Carriages under power; each `turn` is a cycle of the driver's controller."""
+    """Motion of powered carriages; each `turn` is one cycle of the drive controller."""
 
     # Hz, rate of the cycles: maximum rate of the snapshots of the controller
     _MOST_RATE = 100
@@ -124,7 +124,7 @@ class Motion:
 
     @property
     def sync_time(self) -> float:
-        """Return the time of the SYNC whose positions `turn` has returned [s]."""
+        """Return the time [s] of the SYNC that belongs to the positions from `turn`."""
         exchange = self.controller.bus.exchange
         assert exchange is not None  # the bus is open with power on
         return exchange.clock.sync_time
@@ -144,7 +144,7 @@ class Motion:
         return message
 
     def turn(self) -> dict[str, AxisSnapshot]:
-        """Run a cycle and return the axes; raises a CommissioningError with a stop's cause."""
+        """Run one cycle and return the axes; raise a CommissioningError with a stop's cause."""
         self.controller.turn()
         snapshot = self.controller.snapshot()
         if snapshot.causes and not self.is_stopping:
@@ -156,7 +156,7 @@ class Motion:
         return {axis.name: axis for axis in snapshot.axes}
 
     def go(self, speed: float) -> Iterator[dict[str, AxisSnapshot]]:
-        """Move at a speed [m/s] to the end of the window; yield the axes of each cycle."""
+        """Move at a speed [m/s] to the end of the window; yield the axes after each cycle."""
         self.targets.goal = speed
         direction = math.copysign(1.0, speed)
         while direction * self.targets.displacement < self.window - TARGET_ROUNDING:
@@ -176,7 +176,7 @@ _FOLLOWING_TIME = 0.04  # s, of the speed
 
 
 def _narrowed(axis: AxisSettings, window: float, speed: float) -> AxisSettings:
-    """Return an axis limited to a window [m] around its position and to a speed [m/s]."""
+    """Limit an axis to a window [m] around its position and to a speed [m/s]; return it."""
     methods = METHODS_AT_PRESENT_POSITION & {*load_profile(axis.profile).homing_methods}
     if not methods:
         raise CommissioningError(
@@ -203,7 +203,7 @@ def powered(
     context: Context, action: str, window: float, speed: float
 ) -> Iterator[Motion]:
     """
-    Ask the operator, then yield the carriages under power; all three move alike, or only one.
+    Ask the operator, then yield the powered carriages; all three move equally, or only one.
 
     The carriages always come to rest and are switched off when the block ends.
     """

@@ -1,5 +1,5 @@
 """
-Procedure common to all commands: print the action, ask once, act, write the result.
+Procedure of every command: print the action, ask once, act, and write the result.
 
 A `Context` keeps the parameter files, the operator at the terminal and the bus. The results are in
 one file, `Overlay`, which nodes load after the parameter file.
@@ -41,7 +41,7 @@ from facade_manipulator.tools.stopping import read_analysis
 
 
 class Overlay:
-    """Parameters of the driver, and the time of each completed step of commissioning."""
+    """Parameter file with driver parameters, and the time of each completed commissioning step."""
 
     HEADER = (
         '# Written by `commission`; nodes load this file after the parameter file of the '
@@ -52,14 +52,14 @@ class Overlay:
         self.path = path
 
     def steps(self) -> dict[str, str]:
-        """Return the time of each completed step by the words of its command."""
+        """Return the time of each completed step, by the words of its command."""
         return dict(re.findall('^# done: (.+) at (.+)$', self._text(), re.MULTILINE))
 
     def write(
         self, step: str, results: Mapping[str, Any], is_done: bool = True
     ) -> None:
         """
-        Set parameters of the driver by full name, and record whether a step is done.
+        Write driver parameters by full name, and record whether a step is complete.
 
         The file is valid, because each command reads it first.
         """
@@ -84,7 +84,7 @@ class Overlay:
 
 
 class Context:
-    """Machine, operator and options of a command; tests pass a bus and a clock."""
+    """Context of a command: machine, operator and options; tests pass a bus and a clock."""
 
     def __init__(
         self,
@@ -106,19 +106,19 @@ class Context:
 
     @property
     def files(self) -> list[Path]:
-        """Return the parameter files of the machine; later files override earlier files."""
+        """Return the machine's parameter files; later files override earlier files."""
         return machine_files(
             [self.options.parameters] if self.options.parameters else []
         )
 
     @property
     def controller(self) -> ControllerSettings:
-        """Return the settings of the cycle; raises a ParameterError."""
+        """Return the controller settings; raise a ParameterError if they are invalid."""
         return read_analysis(self.files).controller
 
     @property
     def axes(self) -> dict[str, AxisSettings]:
-        """Return the axis settings by name, in units of the drives; raises a ParameterError."""
+        """Return the axis settings by name, in drive units; raise a ParameterError if invalid."""
         axes = read_analysis(self.files).axes
         check_axes(axes)
         return {
@@ -130,7 +130,7 @@ class Context:
         self, step: str, results: Mapping[str, Any], problems: Sequence[str] = ()
     ) -> None:
         """
-        Write results and a completed step into the overlay, and print them.
+        Write results and the completed step into the overlay, and print them.
 
         Raises a CommissioningError with the problems of the step. Raises a ParameterError if the
         overlay cannot be written or the user's own file overrides it; the step is then not done.
@@ -154,7 +154,7 @@ class Context:
     # --- the operator
 
     def agree(self, action: str) -> None:
-        """Print the action and ask once; raises a CommissioningError unless the answer is yes."""
+        """Print the action and ask once; raise a CommissioningError unless the answer is yes."""
         print(action)
         self._has_agreed = self._has_agreed or self.ask('Do this? [y/N]', '--yes') in (
             'y',
@@ -164,7 +164,7 @@ class Context:
             raise CommissioningError('nothing was done: the answer was not yes')
 
     def ask(self, question: str, option: str) -> str:
-        """Return the operator's answer; a CommissioningError names the option that replaces it."""
+        """Return the operator's answer, or raise an error that names the replacing option."""
         with suppress(EOFError):
             if not self.options.yes:
                 return input(f'{question} ').strip()
@@ -173,13 +173,13 @@ class Context:
     # --- the bus
 
     def open(self) -> CanBus:
-        """Open the bus of the machine; raises a BusError."""
+        """Open the machine's bus; raise a BusError if this fails."""
         source = ParameterSource(read_machine(self.files, 'driver'))
         return self._open_frames(source.read(BusSettings, 'bus'))
 
     @contextmanager
     def bus(self) -> Iterator[ToolBus]:
-        """Yield the bus if it has no other master; raises a BusError or a DriveStateError."""
+        """Yield the bus, or raise a BusError or a DriveStateError if it has another master."""
         bus = ToolBus(self.open(), self.clock)
         try:
             bus.require_alone()
@@ -192,7 +192,7 @@ class Context:
         self, name: str, eds: Path | None = None
     ) -> Iterator[tuple[ToolBus, SdoChannel]]:
         """
-        Yield the bus and the objects of the drive of an axis.
+        Yield the bus, and the objects of an axis's drive.
 
         Raises a CommissioningError if the drive has power, a DriveError unless exactly one drive
         answers.

@@ -1,5 +1,5 @@
 """
-Command `stop-test`: measure the stop of each carriage for each kind of stop.
+Command `stop-test`: measure how each carriage stops in each kind of stop.
 
 The command compares the stopping distance, and the deceleration of a quick stop, with the stopping
 analysis. A distance alone would hide a weak brake behind a short delay (`braking_curve`).
@@ -46,7 +46,7 @@ _STEADY = 5  # cycles at the speed before the stop
 
 
 class Track(NamedTuple):
-    """Positions of the three carriages during a stop; the first `_STEADY` are at the speed."""
+    """Positions of the three carriages during a stop, at first at constant speed (`_STEADY`)."""
 
     times: np.ndarray  #: of the SYNCs, shape (n,) [s]
     positions: np.ndarray  #: shape (n, 3) [m]
@@ -54,7 +54,7 @@ class Track(NamedTuple):
 
     @property
     def distances(self) -> np.ndarray:
-        """Return the farthest distances from the begin of the stop, shape (3,) [m]."""
+        """Return the maximum distances from the start of the stop, shape (3,) [m]."""
         return np.abs(self.positions - self.positions[_STEADY - 1]).max(axis=0)
 
     @property
@@ -136,7 +136,7 @@ _LONGEST = 5.0  # s
 
 
 def _stopped(motion: Motion, speed: float, way: str) -> Track:
-    """Bring the carriages to a speed [m/s] and stop them; return their positions until rest."""
+    """Move the carriages at a speed [m/s] and stop them; return their positions until rest."""
     times: list[float] = []
     positions: list[list[float]] = []
 
@@ -180,7 +180,7 @@ MASTER_SILENCE = 1.0
 
 
 def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
-    """Execute a kind of stop; return the drives before the first command after the stop."""
+    """Execute one kind of stop; return the drives before the first command after the stop."""
     controller = motion.controller
     exchange = controller.bus.exchange
     assert exchange is not None  # the bus is open while the drives have power
@@ -208,7 +208,7 @@ _SLACK = 5e-4  # m, tolerance of positions read at rest
 
 
 def _bounds(motion: Motion, track: Track, way: str) -> np.ndarray:
-    """Return the stopping distances that the stopping analysis assumes, shape (3,) [m]."""
+    """Return the stopping distances assumed by the stopping analysis, shape (3,) [m]."""
     controller = motion.controller
     settings = controller.settings
     silence = _HEARTBEATS * settings.heartbeat_timeout if way == SILENT_MASTER else 0.0

@@ -1,4 +1,4 @@
-"""CAN bus of a tool in one thread, which receives frames while it waits."""
+"""CAN bus of a tool, which receives frames while the only thread waits."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ BOOT_TIMEOUT = 5.0  # s
 
 
 class ToolBus:
-    """Bus of a running command, which receives frames while the command waits."""
+    """Bus of a command, which receives frames while the command waits."""
 
     _LISTENING_TIME = 0.6  # s: several periods of a driver's heartbeat
     _ASK_SERIAL_NUMBER = upload_request(indices.IDENTITY, 4)
@@ -58,7 +58,7 @@ class ToolBus:
 
     def _receive_waiting(self) -> None:
         """
-        Wait for a frame, and receive the frames that have arrived by then.
+        Wait for a frame, then receive all frames that have arrived.
 
         If this process was interrupted, answers wait that arrived before their time-out.
         """
@@ -68,7 +68,7 @@ class ToolBus:
             frame = self._receive(0.0)
 
     def _receive(self, timeout: float) -> Frame | None:
-        """Receive a frame within a timeout [s], and pass it on."""
+        """Receive a frame within a timeout [s], and pass it to its receiver."""
         frame = self.frames.receive(timeout)
         if frame is not None:
             self._received.append(frame)
@@ -82,7 +82,7 @@ class ToolBus:
 
     def wait_for(self, condition: Callable[[], object], timeout: float) -> bool:
         """
-        Receive frames until a condition holds or a timeout [s]; return the condition.
+        Receive frames until a condition holds or a timeout [s] expires; return the condition.
 
         If this process was interrupted, frames wait that arrived before the timeout. They are
         also received. A condition may itself ask a drive: the wait then ends later, and an error
@@ -97,7 +97,7 @@ class ToolBus:
         return bool(condition())
 
     def require_alone(self) -> None:
-        """Raise a DriveStateError if frames of another master are received."""
+        """Raise a DriveStateError if another master sends frames."""
         self.wait(self._LISTENING_TIME)
         masters = cob_ids.frames_of_masters(NODE_IDS)
         if heard := [
@@ -109,7 +109,7 @@ class ToolBus:
             )
 
     def serial_numbers(self, node_ids: Iterable[int]) -> dict[int, list[int]]:
-        """Return every serial number received from each node id; all nodes are asked together."""
+        """Return every serial number received from each node id; ask all nodes together."""
         self._received.clear()
         for node_id in node_ids:
             self.frames.send(cob_ids.SDO_REQUEST + node_id, self._ASK_SERIAL_NUMBER)
@@ -125,14 +125,14 @@ class ToolBus:
         return found
 
     def number(self, node_id: int, index: int, subindex: int = 0) -> int | None:
-        """Return the number in an object, None without a numeric answer."""
+        """Return the number read from an object; None without a numeric answer."""
         with suppress(DriveError):
             objects = self.objects(node_id, f'node {node_id}')
             return self.run(objects.read_number(index, subindex))
         return None
 
     def objects(self, node_id: int, name: str, eds: Path | None = None) -> SdoChannel:
-        """Return the objects of a node; `name` is the drive's name for the operator."""
+        """Return the objects of a node; `name` is the drive's name in messages."""
         objects = SdoChannel(self.frames, node_id, name, eds, self._clock)
         self.receivers[cob_ids.SDO_RESPONSE + node_id] = objects.receive
         return objects
