@@ -316,12 +316,26 @@ def test_fault_lasts_until_pressing_is_disabled_and_enabled():
     off = press(600.0, 5.0, pressing=pressing, start=40.0)
     assert pressing.mode == PressMode.OFF
     assert pressing.outcome == 'not pressing'
-    assert off.offsets[-1] == 0.0
+    assert off.offsets[-1] == -SETTINGS.retreat
     assert pressing.is_force_reached
     pressing.settings = SETTINGS
     assert (
         press(600.0, pressing=pressing, start=45.0).pressing.mode is PressMode.HOLDING
     )
+
+
+@pytest.mark.parametrize('stiffness', [600.0, 2000.0, 5000.0])
+def test_disabled_pressing_leaves_the_wall_before_its_goal(stiffness):
+    """The goal lies 35 mm behind the wall, where the head must not go without a force law."""
+    pressing = press(
+        stiffness, 25.0, stiffness=stiffness, wall=lambda _: -0.035
+    ).pressing
+    assert pressing.mode is PressMode.HOLDING
+    pressing.settings = replace(pressing.settings, enabled=False)
+    run = press(stiffness, 10.0, pressing=pressing, start=25.0, wall=lambda _: -0.035)
+    assert run.forces.max() < 35.0
+    assert run.offsets[-1] == pytest.approx(-SETTINGS.retreat)
+    assert run.forces[-1] == 0.0
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from facade_manipulator.compensation.pose_compensator import (
     CompensationSettings,
     Compensator,
 )
-from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import (
     add,
     Geometry,
@@ -32,6 +32,8 @@ pytestmark = pytest.mark.long
 GOAL = Pose(0.05, 0.25, 0.05)
 ASIDE = Pose(-0.1, 0.25, 0.0)
 RAIL = Pose(0.02, -0.005, 0.01)
+BEHIND_WALL = Pose(0.0, 0.22, 0.0)
+STIFF_BRUSH = ContactSettings(enabled=True, stiffness=5000.0)
 
 
 def sway(time):
@@ -211,8 +213,46 @@ def test_contact_settings_change_without_a_jump():
     run.run(2.0).compensator.change('contact', ContactSettings())
     y = run.run(2.0).all('pose')[:, 1]
     assert y.min() == pytest.approx(GOAL.y - 0.05)
-    assert y[-1] == pytest.approx(GOAL.y)
+    assert y[-1] == pytest.approx(GOAL.y - 0.05)
     assert abs(np.diff(y)).max() <= 0.04 * PERIOD + 1e-9
+    run.compensator.set_goal(GOAL)
+    y = run.run(2.0).all('pose')[:, 1]
+    assert y[-1] == pytest.approx(GOAL.y)
+    assert abs(np.diff(y)).max() < 0.2 * PERIOD
+
+
+def feel(run, duration, wall=1.0):
+    """Run for a time [s] with a force sensor and a brush of 5 N/mm on a wall at y [m]."""
+    for cycle in range(round(duration / PERIOD)):
+        run.run(PERIOD)
+        force = 5000.0 * max(run.on_wall.y - wall, 0.0)
+        force += 0.01 * (cycle % 3)
+        with suppress(InputError):
+            run.compensator.contact.add_wrench(
+                run.now, run.now, Wrench(0.0, -force, 0.0)
+            )
+    return run
+
+
+def heights(run, first):
+    """Return y of the head on the wall [m] from an output on; the rail is at rest."""
+    return np.array([output.pose.y for output in run.outputs[first:]])
+
+
+@pytest.mark.parametrize('wait', [0.0, 0.5, 3.0])
+def test_goal_after_disabled_pressing_only_moves_the_head_back(wait):
+    run = CompensatedHead(goal=BEHIND_WALL, contact=STIFF_BRUSH)
+    feel(run, 25.0, wall=0.185)
+    pressing = run.compensator.contact.pressing
+    assert pressing.mode is PressMode.HOLDING
+    run.compensator.change('contact', ContactSettings())
+    first = len(run.outputs) - 1
+    feel(run, wait, wall=0.185)
+    run.compensator.set_goal(Pose(0.0, 0.15, 0.0))
+    y = heights(feel(run, 4.0, wall=0.185), first)
+    assert np.diff(y).max() < 2e-5
+    assert abs(np.diff(y)).max() < 0.3 * PERIOD
+    assert y[-1] == pytest.approx(0.15)
 
 
 @pytest.mark.parametrize(
