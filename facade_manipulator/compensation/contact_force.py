@@ -238,6 +238,12 @@ class NormalForce:
         """Return whether all parts of the shift are zero."""
         return not (self.law.offset or self.law.tracked or self.absorbed)
 
+    def begin(self, offset: float) -> None:
+        """Begin with the head at an offset [m], before the path to a goal."""
+        self.law.begin(offset)
+        self.law.tracked = 0.0
+        self.absorbed = 0.0
+
     def add_measurement(self, stamp: float, force: float, stiffness: float) -> None:
         """Record a force [N] at a stamp [s], on a brush with the given stiffness [N/m]."""
         self.law.add_measurement(stamp, force)

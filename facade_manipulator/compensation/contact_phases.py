@@ -176,8 +176,9 @@ class Pressing:
 
     The head waits at the distance `retreat` before the goal and measures the zero of the sensor
     there. After a fault the head stays there until pressing is disabled and enabled again. After a
-    silent sensor or a lost estimate, the head approaches the wall again without a request. The
-    owner replaces `settings`, of which some are live.
+    silent sensor or a lost estimate, the head approaches the wall again without a request. After
+    pressing is disabled, the head stays there until the next goal. The owner replaces `settings`,
+    of which some are live, and calls `follow_goal` for each new goal.
     """
 
     NEAR_GOAL = 0.005  # m: maximum distance of the path past its goal
@@ -202,10 +203,13 @@ class Pressing:
         #: reason of the last retreat; empty before the first
         self.last_reason = ''
         self._is_latched = False  # whether the wait lasts until pressing is disabled
+        #: offset of the head off the wall [m], below 0 from pressing until the next goal
+        self._rest = 0.0
         if settings.enabled:
             self.mode = PressMode.RETRACTED
             # the head goes to its first goal already off the wall; an offset below 0 is off it
-            self.normal.law.begin(-settings.retreat)
+            self._rest = -settings.retreat
+            self.normal.begin(self._rest)
 
     @property
     def desired(self) -> float:
@@ -269,6 +273,16 @@ class Pressing:
             stamp, force, demanded, self.desired, self.settings.force, is_repeated
         )
 
+    def follow_goal(self) -> None:
+        """
+        Move to a new goal: without an offset if the head no longer presses.
+
+        The path to the goal then begins at the head.
+        """
+        if not self.settings.enabled:
+            self._rest = 0.0
+            self.normal.begin(self._rest)
+
     def step(
         self, now: float, time: float, interval: float, around: Surroundings
     ) -> None:
@@ -301,7 +315,7 @@ class Pressing:
         return self.mode in (PressMode.OFF, PressMode.RETRACTED)
 
     def _disable(self, time: float) -> None:
-        """Stop pressing and clear the fault; the offset then returns to 0."""
+        """Stop pressing and clear the fault; the head then leaves the wall."""
         self._enter(PressMode.OFF)
         self._is_latched = False
         self.reason = ''
@@ -335,6 +349,7 @@ class Pressing:
     def _wait(self, now: float, silence: str) -> None:
         """Wait off the wall until there is no reason to wait, then approach the wall."""
         self.mode = PressMode.RETRACTED
+        self._rest = -self.settings.retreat
         if not self._is_latched:
             self.reason = silence or self.sensor_zero.fault(now)
         if not self.reason:
@@ -385,8 +400,8 @@ class Pressing:
         settings = self.settings
         before = self.normal.law.offset
         if self._is_off_wall:
-            target = min(before, -settings.retreat) if settings.enabled else 0.0
-            return towards(before, target, SPEED * interval)
+            # The goal of a pressing head may be behind the wall: it never moves towards the goal.
+            return towards(before, min(before, self._rest), SPEED * interval)
         wanted = before + interval * self._velocity(time, interval, is_fresh)
         least = -max(settings.retreat, settings.range)
         return min(max(wanted, least), settings.range)

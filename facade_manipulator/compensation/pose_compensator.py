@@ -130,6 +130,7 @@ class Compensator:
         #: tracking of the path; receives measured head poses
         self.following = Following()
         self.goal: Pose | None = None  #: final pose of the head on the wall
+        self._is_goal_new = False  # whether no cycle has followed the goal yet
         self.initialisations = 0  #: number of times the path began at the head
         self.gate = EstimateGate(settings.estimate)
         self._reference = ReferencePath(settings.reference)
@@ -159,6 +160,7 @@ class Compensator:
         """
         self.require_inside(goal)
         self.goal = goal
+        self._is_goal_new = True
 
     def require_inside(self, goal: Pose) -> None:
         """Raise a LimitError if a goal is outside the workspace of an undisturbed rail."""
@@ -240,6 +242,9 @@ class Compensator:
         if self.goal is None:
             return None
 
+        if self._is_goal_new:
+            self._is_goal_new = False
+            self._begin_goal(reach_time, self.goal)
         if self.newest is None or self.following.is_off_path(now):
             self._initialise(now, reach_time, disturbance, self.goal)
         elif self.goal != self._reference.goal:
@@ -297,6 +302,16 @@ class Compensator:
             self.correction.fading.y,
         )
         return self.contact.shift(now, reach_time, interval, reference, surroundings)
+
+    def _begin_goal(self, reach_time: float, goal: Pose) -> None:
+        """Let the contact follow a new goal; the path takes over a shift that ends with it."""
+        before = self.contact.present
+        self.contact.pressing.follow_goal()
+        ended = subtract(before, self.contact.present)
+        if self.newest is not None and any(ended):
+            motion = self._reference.at(reach_time)
+            start = motion._replace(position=add(motion.position, ended))
+            self._reference.initialise(reach_time, start, goal)
 
     def _initialise(
         self, now: float, reach_time: float, disturbance: Pose, goal: Pose
