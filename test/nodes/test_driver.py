@@ -13,6 +13,7 @@ from nodes.node_rig import DriverBench, LoopThread
 import pytest
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from support import DEADLINE, limited
 
@@ -28,7 +29,7 @@ from facade_manipulator.errors import DriveStateError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.nodes.conversions import joint_state, stamp
 from facade_manipulator.nodes.driver_status import DriverStatus
-from facade_manipulator.nodes.planar_messages import status_values
+from facade_manipulator.nodes.planar_messages import status_level, status_values
 
 HOME = (-0.1, 0.1, 0.0)
 ENDED = (ControllerState.LOST, ControllerState.CLOSED)
@@ -112,6 +113,22 @@ def test_carriage_forces_act_on_simulated_drives(bench):
         ),
         'the forces in the effort',
     )
+
+
+def test_notes_show_a_supervisor_that_was_never_received(bench):
+    never = 'software_stop was never received'
+    before = bench.operation()
+    assert never in status_values(before)['notes']
+    assert status_level(before) == 'ok'
+    bench.publish(topics.SOFTWARE_STOP, Bool(data=False))
+    bench.ros.until(lambda: never not in bench.values()['notes'], 'the end of the note')
+
+
+def test_notes_show_an_empty_list_of_supervisors(ros):
+    bench = Bench(ros, {'software_stop_topics': []})
+    status = bench.operation()
+    assert 'no topic of software_stop is configured' in status_values(status)['notes']
+    assert status_level(status) == 'ok'
 
 
 def test_driver_status_publishes_each_state_and_next_step(bench, capfd):

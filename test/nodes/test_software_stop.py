@@ -41,3 +41,20 @@ def test_second_publisher_is_named_with_the_crash_wait():
     ):
         stop.clear(100.0)
     assert 'or wait 20 s if a node has crashed' in stop.next_step(100.0)
+
+
+def test_each_topic_without_a_message_has_a_note():
+    stop = SoftwareStop((FIRST, SECOND), 0.5, lambda name: '')
+    never = ' was never received: no supervisor can stop the drives with it'
+    assert stop.notes == (FIRST + never, SECOND + never)
+    stop.receive(SECOND, True, 100.0)
+    assert stop.notes == (FIRST + never,)
+    stop.receive(FIRST, False, 100.0)
+    assert stop.notes == ()
+
+
+def test_empty_list_of_topics_has_a_note():
+    stop = SoftwareStop((), 0.5, lambda name: '')
+    assert stop.notes == (
+        'no topic of software_stop is configured: no supervisor can stop the drives',
+    )
