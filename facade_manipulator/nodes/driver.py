@@ -256,6 +256,7 @@ class DriverNode(ManagedNode):
             self._loop.stream_status(),
             system_time(self._active_since),
             self._stops.values | self._constants,
+            self._software_stop.notes,
         )
 
     def _components(self) -> list[DiagnosticStatus]:

@@ -55,11 +55,13 @@ def operation_status(
     stream: StreamStatus,
     active_since: float,
     more: dict[str, Any],
+    node_notes: tuple[str, ...] = (),
 ) -> DiagnosticStatus:
     """
     Return the component of the drive group, which is also published on driver/status.
 
     The drives follow setpoints since a time [s, ROS time], which is infinite while they do not.
+    The notes of the node follow those of the drives.
     """
     return diagnostic_status(
         'operation',
@@ -73,7 +75,7 @@ def operation_status(
             'next step': outcome.next_step,
             'active since': str(active_since),  # all digits
             'further causes': '; '.join(one.message for one in snapshot.causes[1:]),
-            'notes': '; '.join(snapshot.notes),
+            'notes': '; '.join(snapshot.notes + node_notes),
             'not homed': ', '.join(snapshot.unhomed),
             'limited cycles': stream.limited_cycles,
             'brakes': stream.brakes,

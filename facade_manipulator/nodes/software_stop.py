@@ -43,6 +43,11 @@ class SoftwareStop:
         'let one node publish {} with reliable quality of service, or wait 20 s if a node '
         'has crashed'
     )
+    # a supervisor in another namespace or domain, or on another topic, is otherwise invisible
+    NEVER_RECEIVED = '{} was never received: no supervisor can stop the drives with it'
+    NO_TOPIC = (
+        'no topic of software_stop is configured: no supervisor can stop the drives'
+    )
 
     def __init__(
         self, names: Sequence[str], timeout: float, fault_of: Callable[[str], str]
@@ -68,6 +73,17 @@ class SoftwareStop:
         """Return the steps before clear_faults, ``''`` if each newest message is false."""
         return ', '.join(
             filter(None, (self._obstacle(name, now)[1] for name in self._topics))
+        )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return notes about missing supervision, which forbids no power."""
+        if not self._topics:
+            return (self.NO_TOPIC,)
+        return tuple(
+            self.NEVER_RECEIVED.format(name)
+            for name, topic in self._topics.items()
+            if topic.newest is None
         )
 
     def receive(self, name: str, is_set: bool, now: float) -> None:
