@@ -6,7 +6,9 @@ A new fault is one function in this module. It takes the drive and may return a 
 
 from __future__ import annotations
 
-from facade_manipulator.drives.states import State, STATUSWORDS
+from collections.abc import Callable
+
+from facade_manipulator.drives.states import Controlword, State, STATUSWORDS
 from facade_manipulator.simulation.drives.drive import SimulatedDrive
 from facade_manipulator.simulation.drives.simulated_axis import SAFE_TORQUE_OFF
 
@@ -62,3 +64,24 @@ def lying_about_power(drive: SimulatedDrive) -> None:
 def without_dead_master_stop(drive: SimulatedDrive) -> None:
     """Continue when the heartbeat of the master is lost."""
     drive.objects.values[0x6007, 0] = 0
+
+
+def quick_stop_input(drive: SimulatedDrive) -> Callable[[], object]:
+    """
+    Open the quick-stop input, which causes no error code; return a function that closes it.
+
+    The drive ignores the command to enable operation while the input is open.
+    """
+    axis = drive.axis
+    control = axis.control
+    without_enable = ~(Controlword.ENABLE_OPERATION ^ Controlword.SWITCH_ON)
+    vars(axis)['control'] = lambda word: control(word & without_enable)
+    if axis.state is State.OPERATION_ENABLED:
+        control(Controlword.QUICK_STOP)
+    return lambda: vars(axis).pop('control')
+
+
+def safe_torque_off_without_code(drive: SimulatedDrive) -> None:
+    """Cut the power without an error code, until `torque_off` of the axis is reset."""
+    drive.axis.torque_off = True
+    drive.axis.control(Controlword.DISABLE_VOLTAGE)
