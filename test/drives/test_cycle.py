@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+import re
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -145,9 +146,9 @@ def overdue(clock, number):
 @pytest.mark.parametrize(
     ('happen', 'message', 'is_powered'),
     [
-        (late, 'the control loop was late 3 cycles in a row, the limit is 3', True),
+        (late, 'the control loop was late', True),
         (late, None, False),
-        (overdue, 'the kernel sent no SYNC for 3 periods, the limit is 3', False),
+        (overdue, 'the kernel sent no SYNC for 3 periods', False),
     ],
 )
 def test_three_late_or_overdue_syncs_stop_drives(happen, message, is_powered):
@@ -181,8 +182,9 @@ def test_foreign_sync_of_any_period_is_found(period, phase, start):
     assert receive_syncs(clock, before) == []
     during = [time for time in kernel if start <= time < start + 1.0]
     (message,) = receive_syncs(clock, [*during, *foreign])
-    assert 'another master is on the bus, SYNC (080h) was received between ours' in (
-        message
+    assert re.match(
+        r'another master is on the bus[,:] SYNC \(080h\) was received between our',
+        message,
     )
 
 

@@ -79,8 +79,10 @@ def test_no_statusword_has_two_states():
 
 
 def test_statusword_without_state_is_described_by_its_wrong_bits():
-    assert describe_state(0x0267) == (
-        'no state of CiA 402 (statusword 0267h), it would be operation enabled with bit 6 = 0'
+    assert re.fullmatch(
+        r'no state of CiA 402 \(statusword 0267h\)[,;] '
+        'it would be operation enabled with bit 6 = 0',
+        describe_state(0x0267),
     )
     for word in range(0x10000):
         _, _, wrong = describe_state(word).partition(' with ')

@@ -215,7 +215,7 @@ def test_shipped_parameter_file_starts_every_node(ros, name):
         (
             'ik_service',
             'use_sim_time:=true',
-            'use_sim_time rejected: true, required is false',
+            'use_sim_time rejected: ',
         ),
         ('ik_service', '/nowhere.yaml', 'nowhere.yaml'),
     ],

@@ -317,10 +317,7 @@ def test_renamed_node_does_not_start(handlers, ros_domain, capfd, names):
         lambda: [NODES[name]() for name in names], ['--ros-args', '-r', '__node:=other']
     )
     assert status == 2
-    assert (
-        f'could not start: node name rejected: other, required is {names[0]}, '
-        in capfd.readouterr().err
-    )
+    assert 'could not start: node name rejected: other' in capfd.readouterr().err
 
 
 @pytest.mark.parametrize('name', NODES)

@@ -84,10 +84,13 @@ def ignores_the_master(drive) -> None:
 @pytest.mark.parametrize(
     ('spoil', 'problem'),
     [
-        (is_weak, '! q1: quick stop does not stop it in time; next: check 6085h'),
+        (
+            is_weak,
+            r'! q1: quick stop does not stop (it|the carriage) in time; next: check 6085h',
+        ),
         (
             ignores_the_master,
-            '! q1: silent master does not stop it in time; next: check 1016h',
+            '! q1: silent master does not stop (it|the carriage) in time; next: check 1016h',
         ),
     ],
 )
@@ -95,7 +98,7 @@ def test_drive_that_stops_late_is_named(rig, capsys, spoil, problem):
     spoil(rig.drives[0])
     assert rig.run('stop-test') == 1
     said = capsys.readouterr().err
-    assert problem in said
+    assert re.search(problem, said)
     assert '! q2:' not in said
     assert 'stop-test' not in rig.overlay.steps()
 
