@@ -10,7 +10,7 @@ def test_process_data_is_little_endian_and_packed():
     assert decode_tpdo3(bytes.fromhex('1186ffff04000000')) == (0x8611, -1, 4)
 
 
-def test_cob_ids_are_those_of_the_predefined_connection_set():
+def test_cob_ids_match_the_predefined_connection_set():
     assert [p.cob_id(2) for p in pdo.PDO_MAP] == [0x202, 0x182, 0x282, 0x382]
     assert [p.cob_id(2) for p in pdo.unused_pdos(pdo.PDO_MAP)] == [
         0x302,

@@ -194,7 +194,7 @@ def test_speed_or_acceleration_of_zero_is_rejected(setting, value, message):
 
 @pytest.mark.parametrize('share_of_unit', [0.4, 0.6, 0.999])
 @pytest.mark.parametrize('setting', ['homing_speed', 'stop_deceleration', 'max_speed'])
-def test_speed_below_one_unit_names_an_accepted_minimum(setting, share_of_unit):
+def test_rejection_of_speed_below_one_unit_names_the_minimum(setting, share_of_unit):
     settings = {
         'velocity_unit': 'rpm',
         'gear_ratio': 0.5,

@@ -144,7 +144,7 @@ def test_self_test_reads_several_objects_in_each_cycle(rig):
     assert len(requests) > 20 * cycles
 
 
-def test_self_test_asks_all_drives_at_the_same_time(rig):
+def test_self_test_queries_all_drives_at_the_same_time(rig):
     configured(rig)
     rig.frames()
     rig.request('self_test')

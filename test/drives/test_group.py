@@ -321,7 +321,7 @@ RESTART = Cause('q2 has restarted', axis='q2', configure_again=True)
         (SILENCE, replace(RESTART, configure_again=False), False),
     ],
 )
-def test_precise_cause_of_an_axis_replaces_a_vague_one(first, later, is_explained):
+def test_precise_cause_replaces_a_vague_cause_of_the_axis(first, later, is_explained):
     drives = running()
     for cause in (first, later, later):
         drives.ask(Group.stop, cause)

@@ -117,7 +117,7 @@ def test_step_that_ends_late_makes_no_double_step(make_rig, duration, count, lat
     assert rig.state is ControllerState.ACTIVE, rig.all_causes
 
 
-def test_three_steps_in_a_row_that_end_late_stop(make_rig):
+def test_three_late_steps_in_a_row_stop_the_drives(make_rig):
     rig = make_rig(has_kernel_sync=True)
     at_rest(rig)
     rig.checks.is_late = True
@@ -155,7 +155,7 @@ def test_set_system_clock_neither_moves_nor_stops_the_drives(make_rig, has_kerne
 
 
 @pytest.mark.parametrize('lower', [SLOWER, SMOOTHER])
-def test_lowered_limits_at_full_speed_only_brake(rig, lower):
+def test_lowering_limits_at_full_speed_only_brakes(rig, lower):
     at_rest(rig)
     rig.stream(amplitude=0.12, rate=RATE)
     for _ in range(6):

@@ -116,7 +116,7 @@ def test_failed_configure_keeps_the_watch_of_a_silent_drive(rig, has_started):
     assert released == [0x601, 0x603]
 
 
-def test_third_drive_is_switched_off_beside_silent_ones(make_rig):
+def test_third_drive_is_switched_off_beside_silent_drives(make_rig):
     rig = make_rig(settings=IMPATIENT)
     stop_with_power(rig, fall_silent)
     rig.drives[0].is_silent = True

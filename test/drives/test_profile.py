@@ -71,7 +71,7 @@ def test_every_profile_requires_the_safety_objects(name):
         ((0x60C2, 1), (0, 100)),
     ],
 )
-def test_limits_of_the_epos4_are_those_of_its_maker(key, limits):
+def test_epos4_limits_match_the_manufacturer_data(key, limits):
     objects = variables(read_dictionary(config_path('drives/epos4.eds')))
     assert (objects[key].min, objects[key].max) == limits
 

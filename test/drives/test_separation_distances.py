@@ -72,7 +72,7 @@ def stop_alone(speed: float, deceleration: float, delay: float, time: float) -> 
 
 @pytest.mark.long
 @given(shares, shares, st.floats(3.0, 12.0), st.floats(0.0, 0.03))
-def test_no_allowed_motion_comes_nearer_than_the_bound(
+def test_no_allowed_motion_is_closer_than_the_minimum(
     speeds, accelerations, deceleration, delay
 ):
     velocity = tuple(LIMITS.speed * share for share in speeds)

@@ -71,7 +71,7 @@ def test_jacobian_beyond_reach_is_rejected():
 
 
 @given(regular_poses(), st.floats(1e-3, 2.0), st.floats(-0.3, 0.3))
-def test_conditioning_index_equals_that_of_the_matrix(drawn, length, shift):
+def test_conditioning_index_equals_the_matrix_formula(drawn, length, shift):
     geometry, pose = drawn
     matrix = jacobian(geometry, pose) / [1.0, 1.0, length]
     norms = [

@@ -262,7 +262,7 @@ def reject(*_):
     raise ManipulatorError('no path')
 
 
-def test_motion_without_allowed_path_brakes_on_the_previous_one(monkeypatch):
+def test_motion_without_allowed_path_brakes_on_previous_path(monkeypatch):
     made = follower()
     before = run(made, 0.0, 1.0)
     monkeypatch.setattr(made._limiter, 'stop', reject)

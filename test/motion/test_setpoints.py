@@ -51,7 +51,7 @@ def test_interpolation_is_the_cubic_through_two_setpoints(ends, interval, share)
 
 
 @pytest.mark.parametrize('begin', np.linspace(0.0, 6.0, 31))
-def test_setpoint_velocity_equals_that_of_the_carriages(stream, begin):
+def test_setpoint_velocity_equals_the_carriage_velocity(stream, begin):
     before, after = (
         stream.setpoint(time, along(time)) for time in (begin, begin + 1e-4)
     )

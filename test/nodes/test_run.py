@@ -163,7 +163,7 @@ def exceptions_of(nodes):
     return [one.diagnostics.rejections().get('rejected: exception', 0) for one in nodes]
 
 
-def test_exception_is_counted_by_the_called_node_alone(executor):
+def test_exception_is_counted_only_by_the_called_node(executor):
     """A callback of the first node calls a callback of the second, as in `manipulator`."""
     handled = []
     make_called, called = node_with(int, period=100.0, handle_exception=handled.append)

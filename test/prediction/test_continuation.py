@@ -35,7 +35,7 @@ def textbook_response(bandwidth, frequency):
 
 
 @pytest.mark.parametrize('frequency', [0.03, 0.3, 1.0, 4.0])
-def test_response_is_that_of_the_kalman_bucy_filter(frequency):
+def test_response_matches_the_kalman_bucy_filter(frequency):
     expected = [textbook_response(bandwidth, frequency) for bandwidth in BANDWIDTHS]
     assert response(np.array([frequency]))[0] == pytest.approx(
         np.array(expected), abs=1e-9
@@ -89,7 +89,7 @@ def only_noise():
     return continuation
 
 
-def test_noise_gains_equal_those_of_white_noise():
+def test_noise_gains_match_white_noise():
     continuation = only_noise()
     bank = FilterBank(500)
     random = np.random.default_rng(2)

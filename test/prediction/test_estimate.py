@@ -189,7 +189,7 @@ def test_rail_is_recovered_for_any_mounting(rail, mounting, axes):
     st.floats(-0.7, 0.7),
     st.lists(st.floats(-0.01, 0.01), min_size=2, max_size=5),
 )
-def test_range_is_that_of_the_rail_for_any_yaw(yaw, theta, turns):
+def test_range_limit_applies_to_the_rail_at_any_yaw(yaw, theta, turns):
     """The published angle is wrapped, as each angle from a quaternion."""
     checked = gate(mounting=(0.0, 0.0, yaw))
     for number, turn in enumerate(turns):

@@ -17,7 +17,7 @@ def doubted():
     return positions
 
 
-def test_errors_of_right_estimates_return_once():
+def test_errors_of_confirmed_estimates_are_restored_once():
     positions = doubted()
     for _ in range(2):
         positions.settle(np.array([True, False]), np.array([True, True]))

@@ -81,7 +81,7 @@ def test_another_seed_gives_other_wind_and_noise():
     assert estimates != other_estimates
 
 
-def test_world_is_independent_of_the_length_of_calls():
+def test_world_is_independent_of_the_step_length():
     carriages = inverse_kinematics(GEOMETRY, MIDDLE)
     scenario = load_scenario('gusts')
     ends = []
