@@ -25,7 +25,7 @@ class BusSettings:
     """Settings of the CAN interface of the drives."""
 
     interface: str = parameter(
-        'Kind of CAN interface, as python-can names it', default='virtual'
+        'Type of CAN interface, as named by python-can', default='virtual'
     )
     channel: str = parameter('Name of the CAN interface', default='can0')
     bitrate: int = parameter(

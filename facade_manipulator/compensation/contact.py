@@ -29,7 +29,7 @@ class LateralSettings:
     """Settings of the lateral regulator."""
 
     enabled: bool = parameter(
-        'Whether lateral_offset is regulated', default=False, live=True
+        'Whether lateral_offset is regulated to 0', default=False, live=True
     )
 
 

@@ -49,7 +49,7 @@ class ContactSettings:
         live=True,
     )
     stiffness: float = parameter(
-        'Stiffness of the brush, 600 N/m for a softer brush',
+        'Stiffness of the brush; 600 N/m also for a softer brush',
         default=600.0,
         unit='N/m',
         minimum=LEAST_STIFFNESS,
@@ -63,7 +63,7 @@ class ContactSettings:
         maximum=120.0,
     )
     retreat: float = parameter(
-        'Distance of the waiting head before the goal',
+        'Distance in front of the goal at which the head waits',
         default=0.05,
         unit='m',
         minimum=0.0,
@@ -89,7 +89,7 @@ class ContactSettings:
         maximum=5.0,
     )
     brush_depth: float = parameter(
-        'Distance of the wall from the head: lever of the friction',
+        'Distance of the wall from the head: lever arm of the friction',
         default=0.05,
         unit='m',
         minimum=0.0,

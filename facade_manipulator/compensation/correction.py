@@ -36,7 +36,7 @@ class CorrectionSettings:
     """Settings of the correction: initial state and fade time."""
 
     enabled: bool = parameter(
-        'Whether the correction is enabled at start; later it is compensator/enable',
+        'Whether the correction is enabled at the start; compensator/enable changes it later',
         default=True,
     )
     fade_time: float = parameter(

@@ -57,7 +57,7 @@ class CompensationSettings:
         maximum=1000.0,
     )
     horizon: float = parameter(
-        'Lead of the instant of a corrected pose over its publication; 0: computed from rate',
+        'Time from the publication of a corrected pose to its instant; 0: computed from rate',
         default=0.0,
         unit='s',
         minimum=0.0,

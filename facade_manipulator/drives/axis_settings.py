@@ -44,7 +44,7 @@ class AxisSettings:
         maximum=1.0,
     )
     direction: int = parameter(
-        '1: positive counts move the carriage to positive q; -1: the other way round',
+        '1: positive counts move the carriage to positive q; -1: to negative q',
         default=1,
         minimum=-1,
         maximum=1,
@@ -69,7 +69,7 @@ class AxisSettings:
         'Drive type: name of a file in config/drives', default='simulated'
     )
     serial_number: int = parameter(
-        'Required serial number of the drive (1018h:4); 0 accepts any, also of swapped axes',
+        'Required serial number of the drive (1018h:4); 0 accepts any drive, also of swapped axes',
         default=0,
         minimum=0,
         maximum=2**32 - 1,
@@ -92,22 +92,22 @@ class AxisSettings:
         maximum=100.0,
     )
     following_error_window: float = parameter(
-        'Following error that trips the drive, and difference of two axes that stops all: at '
-        'most three quarters of the distance that carriage_gap leaves to a collision',
+        'Following error at which the drive stops, and difference between two axes at which all '
+        'stop: at most three quarters of the distance that carriage_gap leaves to a collision',
         default=0.015,
         unit='m',
         minimum=1e-5,
         maximum=0.5,
     )
     home_position: float = parameter(
-        'Position of the carriage at its home position',
+        'Carriage position at the home position of the drive',
         default=0.0,
         unit='m',
         minimum=-10.0,
         maximum=10.0,
     )
     homing_method: int = parameter(
-        'Homing method of CiA 402; 37 takes the present position as home',
+        'Homing method of CiA 402; 37 defines the present position as home',
         default=37,
         minimum=-128,
         maximum=127,
@@ -126,7 +126,7 @@ class AxisSettings:
         maximum=1.0,
     )
     homing_current: float = parameter(
-        'Motor current at a hard stop',
+        'Motor current at which homing detects a hard stop',
         default=1.0,
         unit='A',
         minimum=0.01,

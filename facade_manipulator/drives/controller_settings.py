@@ -14,7 +14,7 @@ class ControllerSettings:
     """Settings of the cycle, its supervision and its time-outs."""
 
     rate: int = parameter(
-        'Cycles per second; a whole number of milliseconds each',
+        'Cycles per second; the period is a whole number of milliseconds',
         default=100,
         unit='Hz',
         minimum=10,
@@ -28,7 +28,7 @@ class ControllerSettings:
         maximum=1.0,
     )
     max_missed_cycles: int = parameter(
-        'Cycles in a row without an answer of one axis, without SYNC, or late, that stop all axes',
+        'Cycles in a row, late or without SYNC or an answer of an axis, that stop all axes',
         default=3,
         minimum=1,
         maximum=10,

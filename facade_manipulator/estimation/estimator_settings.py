@@ -27,7 +27,7 @@ class SensorNames:
         'Topics of sensors that see a feature of the wall', default=('fix_x',)
     )
     poses: tuple[str, ...] = parameter(
-        "Topics of estimators of the rail's pose", default=('fix_pose',)
+        'Topics of estimators that publish the pose of the rail', default=('fix_pose',)
     )
 
 
@@ -100,7 +100,7 @@ class FixSettings(DistanceSettings):
     noise: float = inherited(DistanceSettings, 'noise', default=5e-4)
     place_noise: float = inherited(DistanceSettings, 'place_noise', default=3e-4)
     feature: float = parameter(
-        'Place of the feature along the wall; 0 puts the rail at 0 at the start',
+        'Place of the feature along the wall; 0 defines the rail position at the start as 0',
         default=0.0,
         unit='m',
         minimum=-100.0,
@@ -120,7 +120,7 @@ class PoseFixSettings:
     """Settings of another estimator of the rail's pose."""
 
     noise: tuple[float, ...] = parameter(
-        'Standard deviations of a message without covariance',
+        'Standard deviations for a message without covariance',
         default=(1e-3, 1e-3, 2e-3),
         unit='m, m, rad',
         minimum=1e-6,
@@ -135,7 +135,7 @@ class ProfileSettings:
     """Settings of the wall profile in front of the rail."""
 
     distance: float = parameter(
-        'Distance of the wall from the rail at rest; 0 takes the first measurement',
+        'Distance of the wall from the rail at rest; 0 uses the first measurement',
         default=0.0,
         unit='m',
         minimum=0.0,

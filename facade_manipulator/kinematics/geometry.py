@@ -84,7 +84,7 @@ class Geometry:
         'Length of the two links', default=0.352, unit='m', minimum=1e-3, maximum=100.0
     )
     platform_half_length: float = parameter(
-        'Half the length of the platform, joint to end-effector point',
+        'Half the length of the platform, from joint to end-effector point',
         default=0.348,
         unit='m',
         minimum=1e-3,
@@ -99,14 +99,14 @@ class Geometry:
         elements=('minimum', 'maximum'),
     )
     carriage_gap: float = parameter(
-        'Minimum distance of neighbouring carriages',
+        'Minimum distance between neighbouring carriages',
         default=0.02,
         unit='m',
         minimum=0.0,
         maximum=100.0,
     )
     carriage_length: float = parameter(
-        'Distance of neighbouring carriages at which they touch',
+        'Distance between neighbouring carriages at which they touch',
         default=0.0,
         unit='m',
         minimum=0.0,

@@ -48,7 +48,7 @@ class StreamSettings:
         maximum=OLDEST_SETPOINT,
     )
     first_step: float = parameter(
-        'Maximum step from the carriages or the last setpoint to a setpoint',
+        'Maximum step from the carriages or the last setpoint to the next setpoint',
         default=0.05,
         unit='m',
         minimum=0.001,

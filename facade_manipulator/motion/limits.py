@@ -47,7 +47,7 @@ class MotionLimits:
         live=True,
     )
     jerk: float = parameter(
-        'Highest jerk of a carriage; a lower one brakes later',
+        'Highest jerk of a carriage; with a lower jerk it brakes later',
         default=150.0,
         unit='m/s^3',
         minimum=0.1,

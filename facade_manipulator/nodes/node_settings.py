@@ -34,7 +34,7 @@ class DriverSettings:
         default=False,
     )
     software_stop_timeout: float = parameter(
-        'Silence of software_stop, once received, that stops the drives and forbids power',
+        'Silence of software_stop, after a first message, that stops the drives and forbids power',
         default=0.5,
         unit='s',
         minimum=0.05,

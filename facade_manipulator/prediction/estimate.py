@@ -53,21 +53,21 @@ class EstimateSettings:
         elements=('x', 'y', 'yaw'),
     )
     axes: float = parameter(
-        "Angle from the axes of facade to those of the estimator's x and y",
+        'Angle from the axes of facade to the x and y axes of the estimator',
         default=0.0,
         unit='rad',
         minimum=-math.pi,
         maximum=math.pi,
     )
     delay: float = parameter(
-        'Delay of the stamps of the estimator after the motion',
+        'Delay of the estimator stamps after the motion',
         default=0.0,
         unit='s',
         minimum=-0.5,
         maximum=0.5,
     )
     largest_deviation: tuple[float, ...] = parameter(
-        'Maximum standard deviation of an estimate whose axis is known: x, y, theta',
+        'Maximum standard deviation with which an axis counts as known: x, y, theta',
         default=(0.01, 0.01, 0.02),
         unit='m, m, rad',
         minimum=1e-4,
