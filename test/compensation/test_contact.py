@@ -319,8 +319,11 @@ def test_fault_lasts_until_pressing_is_disabled_and_enabled():
     assert off.offsets[-1] == -SETTINGS.retreat
     assert pressing.is_force_reached
     pressing.settings = SETTINGS
+    press(600.0, 1.0, pressing=pressing, start=45.0)
+    assert pressing.mode is PressMode.OFF
+    pressing.follow_goal()
     assert (
-        press(600.0, pressing=pressing, start=45.0).pressing.mode is PressMode.HOLDING
+        press(600.0, pressing=pressing, start=46.0).pressing.mode is PressMode.HOLDING
     )
 
 

@@ -270,6 +270,7 @@ def test_wall_beyond_the_range_is_reported_as_held_back(machine):
     machine.run(LONG)
     pressing = machine.head.compensator.contact.pressing
     pressing.settings = ContactSettings(enabled=True, range=0.01)
+    machine.follow(GOAL, '2.0')
     stamp = machine.head.now
 
     def measure():
