@@ -274,6 +274,42 @@ def test_pressing_enabled_live_begins_at_the_next_goal():
 
 
 @pytest.mark.parametrize(
+    ('duration', 'mode'), [(3.0, PressMode.SEARCHING), (25.0, PressMode.HOLDING)]
+)
+@pytest.mark.parametrize('is_dropped', [False, True])
+def test_hold_ends_pressing_until_the_next_goal(duration, mode, is_dropped):
+    run = CompensatedHead(goal=BEHIND_WALL, contact=STIFF_BRUSH, lag=0.0)
+    feel(run, duration, wall=0.185)
+    pressing = run.compensator.contact.pressing
+    assert pressing.mode is mode
+    run.compensator.hold(run.now)
+    first = len(run.outputs) - 1
+    y = heights(feel(run, 10.0, wall=0.185), first)
+    assert np.diff(y).max() < 2e-5
+    assert pressing.mode is PressMode.OFF
+    if is_dropped:
+        run.compensator.drop_goal()
+    run.compensator.set_goal(BEHIND_WALL)
+    y = heights(feel(run, 25.0, wall=0.185), first)
+    assert abs(np.diff(y)).max() < 0.3 * PERIOD
+    assert pressing.mode is PressMode.HOLDING
+
+
+def test_goal_after_a_dropped_goal_is_approached_off_the_wall():
+    run = CompensatedHead(goal=BEHIND_WALL, contact=STIFF_BRUSH, lag=0.0)
+    feel(run, 25.0, wall=0.185)
+    pressing = run.compensator.contact.pressing
+    first = len(run.outputs)
+    run.compensator.drop_goal()
+    run.compensator.set_goal(Pose(0.05, 0.22, 0.0))
+    y = heights(feel(run, 2.0, wall=0.185), first)
+    assert y.max() < 0.192
+    assert y[-1] < 0.185
+    feel(run, 25.0, wall=0.185)
+    assert pressing.mode is PressMode.HOLDING
+
+
+@pytest.mark.parametrize(
     ('settings', 'lead'),
     [
         (CompensationSettings(), 0.045),
