@@ -175,8 +175,8 @@ class Pressing:
     Pressing on the wall: approach, raise the force, hold it, or retract for a reason.
 
     The head waits at the distance `retreat` before the goal and measures the zero of the sensor
-    there. After a fault the head stays there until pressing is disabled and enabled again. After a
-    silent sensor or a lost estimate, the head approaches the wall again without a request. After
+    there. After a fault the head stays there until pressing is disabled, enabled again and followed
+    by a new goal. After a silent sensor or a lost estimate, the head approaches the wall again without a request. After
     pressing is disabled, the head stays there until the next goal. The owner replaces `settings`,
     of which some are live, and calls `follow_goal` for each new goal.
     """
@@ -202,6 +202,9 @@ class Pressing:
         self.reason = ''
         #: reason of the last retreat; empty before the first
         self.last_reason = ''
+        self._is_active = (
+            settings.enabled
+        )  # whether the head presses at its present goal
         self._is_latched = False  # whether the wait lasts until pressing is disabled
         #: offset of the head off the wall [m], below 0 from pressing until the next goal
         self._rest = 0.0
@@ -230,6 +233,8 @@ class Pressing:
     def outcome(self) -> str:
         """Return the phase of pressing, with a reason if the head does not press."""
         reason = self.reason or self._range_fault()
+        if not reason and self.settings.enabled and not self._is_active:
+            reason = 'the head presses from its next goal on; next: send a goal'
         return f'{self.mode.value}: {reason}' if reason else self.mode.value
 
     @property
@@ -244,8 +249,8 @@ class Pressing:
 
     @property
     def is_force_reached(self) -> bool:
-        """Return whether the desired force is reached and held, or pressing is switched off."""
-        return not self.settings.enabled or (
+        """Return whether the desired force is reached and held, or the goal needs no force."""
+        return not (self.settings.enabled and self._is_active) or (
             self.mode is PressMode.HOLDING
             and abs(self.monitor.mean - self.settings.force) <= self.bound
         )
@@ -275,13 +280,20 @@ class Pressing:
 
     def follow_goal(self) -> None:
         """
-        Move to a new goal: without an offset if the head no longer presses.
+        Press at a new goal if pressing is enabled, and continue to press after another goal.
 
-        The path to the goal then begins at the head.
+        Otherwise the offset changes at once, and the path to the goal must begin at the head.
         """
-        if not self.settings.enabled:
-            self._rest = 0.0
-            self.normal.begin(self._rest)
+        if self.settings.enabled and self._is_active:
+            return
+        self._is_active = self.settings.enabled
+        self._rest = 0.0
+        mode = PressMode.OFF
+        if self._is_active:
+            self._rest = -self.settings.retreat
+            mode = PressMode.RETRACTED
+        self._enter(mode)
+        self.normal.begin(self._rest)
 
     def step(
         self, now: float, time: float, interval: float, around: Surroundings
@@ -289,7 +301,9 @@ class Pressing:
         """Move the offsets over an interval [s] to a later time [s]."""
         is_fresh = -CONTACT_CLOCK_TOLERANCE <= now - self.monitor.stamp <= OLDEST_WRENCH
         if not self.settings.enabled:
-            self._disable(time)
+            self._disable()
+        if not self._is_active:
+            self.sensor_zero.note_place(time, is_free=False)
             if self.normal.is_at_goal and not self.theta.offset:
                 return  # no offset remains; at 100 Hz this saves 0.3 % of a processor
         else:
@@ -314,12 +328,12 @@ class Pressing:
     def _is_off_wall(self) -> bool:
         return self.mode in (PressMode.OFF, PressMode.RETRACTED)
 
-    def _disable(self, time: float) -> None:
-        """Stop pressing and clear the fault; the head then leaves the wall."""
+    def _disable(self) -> None:
+        """Stop pressing until the next goal and clear the fault; the head leaves the wall."""
+        self._is_active = False
         self._enter(PressMode.OFF)
         self._is_latched = False
         self.reason = ''
-        self.sensor_zero.note_place(time, is_free=False)
 
     def _choose_phase(self, now: float, interval: float, silence: str) -> None:
         """Choose to wait, retract or follow the touch; `silence` explains a missing input."""
@@ -349,7 +363,6 @@ class Pressing:
     def _wait(self, now: float, silence: str) -> None:
         """Wait off the wall until there is no reason to wait, then approach the wall."""
         self.mode = PressMode.RETRACTED
-        self._rest = -self.settings.retreat
         if not self._is_latched:
             self.reason = silence or self.sensor_zero.fault(now)
         if not self.reason:
