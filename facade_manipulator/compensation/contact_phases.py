@@ -176,9 +176,10 @@ class Pressing:
 
     The head waits at the distance `retreat` before the goal and measures the zero of the sensor
     there. After a fault the head stays there until pressing is disabled, enabled again and followed
-    by a new goal. After a silent sensor or a lost estimate, the head approaches the wall again without a request. After
-    pressing is disabled, the head stays there until the next goal. The owner replaces `settings`,
-    of which some are live, and calls `follow_goal` for each new goal.
+    by a new goal. After a silent sensor or a lost estimate, the head approaches the wall again
+    without a request. After pressing is disabled or ended, the head stays there until the next
+    goal. The owner replaces `settings`, of which some are live, calls `follow_goal` for each new
+    goal, and `end` when a goal is no longer followed.
     """
 
     NEAR_GOAL = 0.005  # m: maximum distance of the path past its goal
@@ -295,6 +296,13 @@ class Pressing:
         self._enter(mode)
         self.normal.begin(self._rest)
 
+    def end(self) -> None:
+        """Stop pressing until the next goal; the head leaves the wall, and a fault stays."""
+        self._is_active = False
+        self._enter(PressMode.OFF)
+        if not self._is_latched:
+            self.reason = ''
+
     def step(
         self, now: float, time: float, interval: float, around: Surroundings
     ) -> None:
@@ -329,11 +337,9 @@ class Pressing:
         return self.mode in (PressMode.OFF, PressMode.RETRACTED)
 
     def _disable(self) -> None:
-        """Stop pressing until the next goal and clear the fault; the head leaves the wall."""
-        self._is_active = False
-        self._enter(PressMode.OFF)
+        """Stop pressing until the next goal, and clear the fault."""
         self._is_latched = False
-        self.reason = ''
+        self.end()
 
     def _choose_phase(self, now: float, interval: float, silence: str) -> None:
         """Choose to wait, retract or follow the touch; `silence` explains a missing input."""

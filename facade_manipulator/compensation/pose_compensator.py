@@ -167,13 +167,20 @@ class Compensator:
         self._mechanism.certify(goal, self._reference.settings.min_conditioning)
 
     def drop_goal(self) -> None:
-        """Drop the goal: `update` returns None; the next path begins at the head's pose."""
+        """
+        Drop the goal and end pressing: `update` returns None.
+
+        The path to the next goal begins at the head's pose.
+        """
         self.goal = None
         self.newest = None
+        self.contact.pressing.end()
 
     def hold(self, now: float) -> Pose:
         """
-        End the path to the goal; return the pose on the wall at which the head stops [m, m, rad].
+        End the path to the goal; return the pose on the wall at which the path stops [m, m, rad].
+
+        A head that presses, or looks for the wall, retracts and waits there for the next goal.
 
         Raises a ManipulatorError if the head follows no goal.
         """
@@ -181,6 +188,8 @@ class Compensator:
             raise ManipulatorError(
                 'hold rejected: the head follows no goal; next: send a goal'
             )
+        self.contact.pressing.end()
+        self._is_goal_new = False  # a goal that no cycle has followed is never followed
         self.goal = self._reference.stop(
             max(self.newest.time, now + self.settings.lead) + self.following.lag
         )
