@@ -99,15 +99,16 @@ def test_force_is_held_on_contacts_up_to_brush_stiffness(stiffness, share):
 
 def test_approach_is_slow_and_ends_at_the_range():
     run = press(600.0, 40.0, wall=lambda time: 1.0)
-    assert run.offsets[[0, -1]] == pytest.approx([-SETTINGS.retreat, SETTINGS.range])
-    assert run.pressing.mode is PressMode.SEARCHING
+    assert run.offsets[[0, -1]] == pytest.approx(-SETTINGS.retreat)
+    assert run.offsets.max() == pytest.approx(SETTINGS.range)
+    assert run.pressing.mode is PressMode.RETRACTED
     assert np.diff(run.offsets).max() <= 0.004 * PERIOD + 1e-12
 
 
 @pytest.mark.parametrize(
     'wall, stiffness, mode, reason',
     [
-        (1.0, 600.0, PressMode.SEARCHING, 'no wall within 80 mm (contact.range)'),
+        (1.0, 600.0, PressMode.RETRACTED, 'no wall within 80 mm (contact.range)'),
         (0.07, 600.0, PressMode.HOLDING, 'the force needs an offset above 80 mm'),
         (0.0, 600.0, PressMode.HOLDING, ''),
         (-0.04, 600.0, PressMode.HOLDING, ''),
@@ -121,6 +122,25 @@ def test_force_out_of_range_is_a_hindrance(wall, stiffness, mode, reason):
     assert pressing.outcome.startswith(
         f'{mode.value}: {reason}' if reason else mode.value
     )
+
+
+@pytest.mark.parametrize('stiffness', [600.0, 2000.0, 5000.0])
+def test_noise_of_a_dead_sensor_ends_in_a_retract(stiffness):
+    """The readings change, but without the force: the head compresses the brush unnoticed."""
+    run = press(
+        stiffness,
+        80.0,
+        stiffness=stiffness,
+        wall=lambda time: -0.01,
+        sensor=lambda time, force: NOISE * math.sin(1e3 * time),
+    )
+    largest = stiffness * (SETTINGS.range + 0.01)
+    assert run.forces.max() <= largest + 1e-6
+    assert (run.forces > 0.9 * largest).sum() * PERIOD < 3.0
+    assert run.forces[-3000:].max() == 0.0
+    assert run.pressing.mode is PressMode.RETRACTED
+    assert 'no wall within 80 mm (contact.range)' in run.pressing.reason
+    assert 'next: check the force sensor' in run.pressing.reason
 
 
 def test_normal_approach_to_the_wall_has_no_hindrance():

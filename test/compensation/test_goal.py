@@ -281,12 +281,12 @@ def test_wall_beyond_the_range_is_reported_as_held_back(machine):
     for _ in range(round(25.0 / STEP)):
         measure()
         machine.run(STEP)
-    assert pressing.mode is PressMode.SEARCHING
+    assert pressing.mode is PressMode.RETRACTED
     last = machine.sent[-1]
     assert last['state'] == 'held back'
     assert 'no wall within 10 mm' in last['reason']
     assert 'next: ' in last['reason']
-    assert contact_components(machine.head.compensator)[0][1] == 'warn'
+    assert contact_components(machine.head.compensator)[0][1] == 'error'
 
 
 def test_goal_of_an_unmeasured_head_is_held_back(machine):
