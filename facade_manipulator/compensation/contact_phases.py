@@ -351,6 +351,14 @@ class Pressing:
             self._retract(fault, is_latched=True)
         elif silence:
             self._retract(silence)
+        elif self.mode is PressMode.SEARCHING and self._is_at_range:
+            # A dead sensor reads no force either, so the head may press with the whole range.
+            self._retract(
+                f'no wall within {self._range_text}: force on the wall = '
+                f'{self.monitor.force:.1f} N; next: check the force sensor and the place '
+                'of the wall',
+                is_latched=True,
+            )
         else:
             self._follow_touch(interval)
 
@@ -375,22 +383,23 @@ class Pressing:
             self.monitor.begin()
             self._enter(PressMode.SEARCHING)
 
+    @property
+    def _is_at_range(self) -> bool:
+        return self.normal.law.offset >= self.settings.range
+
+    @property
+    def _range_text(self) -> str:
+        return f'{1e3 * self.settings.range:g} mm (contact.range) beyond the goal'
+
     def _range_fault(self) -> str:
         """Return why the range of the offset is too small; empty if it is sufficient."""
-        limit = f'{1e3 * self.settings.range:g} mm (contact.range) beyond the goal'
-        if self.normal.law.offset < self.settings.range or self.is_force_reached:
+        is_short = self.mode in self.IN_CONTACT and self._is_at_range
+        if not is_short or self.is_force_reached:
             return ''
-        if self.mode is PressMode.SEARCHING:
-            return (
-                f'no wall within {limit}, so that the place of the wall is unknown; '
-                'next: send a goal on the wall'
-            )
-        if self.mode in self.IN_CONTACT:
-            return (
-                f'the force needs an offset above {limit}; '
-                'next: send a goal nearer to the wall'
-            )
-        return ''
+        return (
+            f'the force needs an offset above {self._range_text}; '
+            'next: send a goal nearer to the wall'
+        )
 
     def _follow_touch(self, interval: float) -> None:
         """Raise the force over an interval [s] after a touch; approach again if it is lost."""
