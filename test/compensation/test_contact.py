@@ -271,6 +271,24 @@ def test_lowered_force_is_reached_without_a_retract(stiffness, force):
     assert run.pressing.is_force_reached
 
 
+@pytest.mark.parametrize('stiffness', [600.0, 5000.0])
+@pytest.mark.parametrize('start', [8.0, 25.0])
+def test_raised_force_rises_within_the_ramp_time(stiffness, start):
+    """The operator raises the force while it is held, or while it still rises for the first time."""
+    pressing = press(stiffness, start, stiffness=stiffness).pressing
+    before = pressing.desired
+    pressing.settings = replace(pressing.settings, force=60.0)
+    run = press(stiffness, 14.0, pressing=pressing, start=start)
+    rises = np.diff(run.desired, prepend=before)
+    steepest = 0.5 * math.pi * (60.0 - before) / SETTINGS.ramp_time
+    assert rises.max() < 1.05 * steepest * PERIOD
+    assert run.desired[round(4.0 / PERIOD)] < 50.0
+    assert run.desired[-1] == 60.0
+    assert run.pressing.mode is PressMode.HOLDING
+    assert run.forces[-100:].mean() == pytest.approx(60.0, rel=0.03)
+    assert not run.pressing.last_reason
+
+
 def test_fade_of_the_correction_does_not_change_the_force():
     def fade(time):
         return 0.03 * (1.0 - math.exp(-2.0 * max(time - HELD, 0.0)))
