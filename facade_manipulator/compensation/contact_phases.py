@@ -128,12 +128,15 @@ class ForceRamp:
 
     def __init__(self) -> None:
         self.desired = 0.0  #: [N]; 0 without contact
+        self._first = 0.0  # at the beginning of the rise [N]
+        self._final = 0.0  # final desired force of the rise [N]; 0 before the rise
         self._progress = 0.0  # of the rise, from 0 to 1
         self._untouched = 0.0  # s
 
     def restart(self) -> None:
         """Reset the desired force to zero before another phase."""
         self.desired = 0.0
+        self._final = 0.0
         self._progress = 0.0
         self._untouched = 0.0
 
@@ -150,6 +153,19 @@ class ForceRamp:
         """Return whether the head has not touched the wall for `LOST_AFTER`."""
         return self._untouched > self.LOST_AFTER
 
+    def follow(self, final: float) -> bool:
+        """
+        Begin a rise if the final force [N] is new or raised; return whether it begins.
+
+        A lowered force needs no rise: `update` lets it fall.
+        """
+        is_raised = final > self._final
+        if is_raised:
+            self._first = self.desired or self.FIRST_SHARE * final
+            self._progress = 0.0
+        self._final = final
+        return is_raised
+
     def advance(self, interval: float, ramp_time: float) -> bool:
         """Advance a ramp of a given duration by an interval [s]; return whether it is complete."""
         self._progress += interval / ramp_time
@@ -164,7 +180,7 @@ class ForceRamp:
         """
         share = min(self._progress, 1.0) if is_raising else 1.0
         ramp = 0.5 - 0.5 * math.cos(math.pi * share)
-        raised = final * (self.FIRST_SHARE + (1.0 - self.FIRST_SHARE) * ramp)
+        raised = self._first + (final - self._first) * ramp
         fall = interval * allowed_excess(final) / self.FALL_TIME
         self.desired = max(raised, self.desired - fall)
         return self.desired
@@ -408,8 +424,11 @@ class Pressing:
         ramp.note_touch(interval, is_touching)
         if self.mode is PressMode.SEARCHING and is_touching:
             self._enter(PressMode.RAISING)
+            ramp.follow(self.settings.force)
         elif self.mode in self.IN_CONTACT and ramp.is_touch_lost:
             self._enter(PressMode.SEARCHING)
+        elif self.mode in self.IN_CONTACT and ramp.follow(self.settings.force):
+            self.mode = PressMode.RAISING
         elif self.mode is PressMode.RAISING:
             if ramp.advance(interval, self.settings.ramp_time):
                 self.mode = PressMode.HOLDING
