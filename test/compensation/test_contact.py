@@ -274,7 +274,7 @@ def test_lowered_force_is_reached_without_a_retract(stiffness, force):
 @pytest.mark.parametrize('stiffness', [600.0, 5000.0])
 @pytest.mark.parametrize('start', [8.0, 25.0])
 def test_raised_force_rises_within_the_ramp_time(stiffness, start):
-    """The operator raises the force while it is held, or while it still rises for the first time."""
+    """The operator raises the force while it is held, or during its first rise."""
     pressing = press(stiffness, start, stiffness=stiffness).pressing
     before = pressing.desired
     pressing.settings = replace(pressing.settings, force=60.0)
