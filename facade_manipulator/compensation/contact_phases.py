@@ -191,11 +191,11 @@ class Pressing:
     Pressing on the wall: approach, raise the force, hold it, or retract for a reason.
 
     The head waits at the distance `retreat` before the goal and measures the zero of the sensor
-    there. After a fault the head stays there until pressing is disabled, enabled again and followed
-    by a new goal. After a silent sensor or a lost estimate, the head approaches the wall again
-    without a request. After pressing is disabled or ended, the head stays there until the next
-    goal. The owner replaces `settings`, of which some are live, calls `follow_goal` for each new
-    goal, and `end` when a goal is no longer followed.
+    there. After a fault the head stays there until pressing is disabled, enabled again, and
+    followed by a new goal. After a silent sensor or a lost estimate, the head approaches the wall
+    again without a request. After pressing is disabled or ended, the head stays there until the
+    next goal. The owner replaces `settings`, of which some are live, calls `follow_goal` for each
+    new goal, and `end` when a goal is no longer followed.
     """
 
     NEAR_GOAL = 0.005  # m: maximum distance of the path past its goal
