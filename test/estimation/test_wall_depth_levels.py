@@ -5,8 +5,14 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from facade_manipulator.errors import InputError
 from facade_manipulator.estimation.history import Measurement
-from facade_manipulator.estimation.rail_pose_model import DistanceSensor, Y
+from facade_manipulator.estimation.rail_pose_model import (
+    DistanceSensor,
+    PoseSensor,
+    Y,
+    YAW,
+)
 from facade_manipulator.estimation.start import FirstMeasurements, start_at_wall
 from facade_manipulator.estimation.wall_depth_levels import Channel, Level, OUTLIER
 
@@ -43,6 +49,37 @@ def test_mullion_becomes_a_level_after_a_quarter_second():
     (wall, mullion), _ = decide(seen, [0.0, -0.0302], 2.0)
     assert wall.level == 0.0
     assert mullion.level == pytest.approx(-0.03, abs=1e-4)
+
+
+def yaw_channel():
+    sensor = PoseSensor('pose.theta', (YAW,), 1e-4, 0.0, (0.0, 0.0, 0.0), 0.0)
+    return Channel(sensor, [Level(0.0)])
+
+
+@pytest.mark.parametrize(
+    ('residual', 'event'),
+    [
+        (0.03, 'new level at +30.0 mrad'),
+        (2e-3, 'measurements agree with each other, 2.0 mrad off the estimate'),
+    ],
+)
+def test_events_of_a_yaw_are_in_milliradians(residual, event):
+    _, events = decide(yaw_channel(), [residual] * 40)
+    assert events == [event]
+
+
+def test_return_of_a_yaw_is_reported_in_milliradians():
+    measurement = Measurement('pose.theta', 10.0, 0.0, SIGMA**2)
+    event = yaw_channel().decide(measurement, 1e-3, 5e-3, is_coasting=False)
+    assert 'at +0.0 mrad' in event
+    assert event.endswith('+-5.0 mrad')
+
+
+def test_yaw_in_another_unit_is_rejected_in_radians():
+    with pytest.raises(
+        InputError, match='30 rad .* 20 rad; next: publish it in radians'
+    ):
+        yaw_channel().receive(0.0, 0.0, 30.0)
 
 
 def test_window_panes_are_outliers_without_a_level():
