@@ -100,7 +100,7 @@ class FixSettings(DistanceSettings):
     noise: float = inherited(DistanceSettings, 'noise', default=5e-4)
     place_noise: float = inherited(DistanceSettings, 'place_noise', default=3e-4)
     feature: float = parameter(
-        'Place of the feature along the wall; 0 defines the rail position at the start as 0',
+        'Place of the feature along the wall; 0 if unknown; the node then measures it',
         default=0.0,
         unit='m',
         minimum=-100.0,

@@ -71,8 +71,11 @@ class DisturbanceEstimator:
         self.channels: dict[str, Channel] = {}
         states: list[rail_pose_model.SensorState] = []
         for sensor in rail_pose_model.make_sensors(setup):
-            is_distance = isinstance(sensor, rail_pose_model.DistanceSensor)
-            own_levels = levels if is_distance else [Level(0.0)]
+            own_levels = [Level(0.0)]
+            if isinstance(sensor, rail_pose_model.DistanceSensor):
+                own_levels = levels
+            elif isinstance(sensor, rail_pose_model.FeatureSensor):
+                own_levels = [Level(0.0)] if sensor.feature else []
             self.channels[sensor.name] = Channel(sensor, own_levels)
             states += sensor.states
         # they measure the same axes and share their levels
@@ -89,6 +92,8 @@ class DisturbanceEstimator:
             'rail', (0.0, 0.0, 0.0), 0.0, setup.imu
         )
         self._process = rail_pose_model.Process(setup.imu, states)
+        #: whether a sensor has defined place 0 of the wall; a restart keeps it
+        self._has_origin = False
         #: the newest events: (re)starts of axes, new levels, loss and return of the IMU
         self.events: deque[EstimatorEvent] = deque(maxlen=50)
         #: a wrong connection or unit, after which no estimates are published
@@ -260,6 +265,8 @@ class DisturbanceEstimator:
         is_feature = isinstance(sensor, rail_pose_model.FeatureSensor)
         if is_feature and self._distances and not sensor.distance:
             return  # the place of the feature depends on it
+        if not ready[0].levels and not self._can_define_origin():
+            return
 
         names = ', '.join(one.sensor.name for one in ready)
         state = self._process.forget(self._history.update().state, sensor.axes)
@@ -267,10 +274,11 @@ class DisturbanceEstimator:
             self._place_before_wall(state, ready)
             names += f', {1e3 * sensor.distance:.0f} mm from the wall'
         else:
-            self._place_at(state, sensor, ready[0].first.densest())
+            self._place_at(state, ready[0])
         self._history.restart(state)
         self._note(_names(sensor.axes), f'started by {names}')
         self.started.update(sensor.axes)
+        self._has_origin = self._has_origin or X in sensor.axes
 
         for channel in self.channels.values():
             channel.sensor.distance = channel.sensor.distance or sensor.distance
@@ -293,17 +301,33 @@ class DisturbanceEstimator:
         state.mean[YAW] = yaw
         state.mean[Y] += self._middle[Y].shift(state.mean, y)
 
-    def _place_at(
-        self,
-        state: rail_pose_model.FilterState,
-        sensor: rail_pose_model.WallSensor,
-        value: float,
-    ) -> None:
-        """Set the axis that a sensor measures, so that the state explains a value [m or rad]."""
-        if isinstance(sensor, rail_pose_model.FeatureSensor) and not sensor.feature:
+    def _can_define_origin(self) -> bool:
+        """
+        Return whether a fix whose feature has no place may put the rail at place 0.
+
+        For 1 s from its first measurement, a sensor with a known place takes precedence. After a
+        restart place 0 is defined, and the rail may be elsewhere.
+        """
+        if self._has_origin:
+            return False
+        for channel in self.channels.values():
+            if X not in channel.sensor.axes or not channel.levels:
+                continue
+            begin = channel.first.begin  # infinite before the first measurement
+            if math.isfinite(begin) and self._now - begin < start.LONGEST_START:
+                return False
+        return True
+
+    def _place_at(self, state: rail_pose_model.FilterState, channel: Channel) -> None:
+        """Set the axis that a sensor measures, to explain its first measurements [m or rad]."""
+        sensor = channel.sensor
+        value = channel.first.densest()  # m or rad
+        if isinstance(sensor, rail_pose_model.FeatureSensor) and not channel.levels:
             # the rail is at 0, and the feature is where the sensor sees it
             state.mean[X] += self._middle[X].shift(state.mean, 0.0)
             sensor.feature -= sensor.shift(state.mean, value)
+            channel.levels.append(Level(0.0))
+        value -= channel.levels[0].offset
         state.mean[sensor.axes[0]] += sensor.shift(state.mean, value)
 
     def _give_up_lost_axes(self) -> None:

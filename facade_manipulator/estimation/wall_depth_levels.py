@@ -72,6 +72,7 @@ class Channel:
 
     def __init__(self, sensor: WallSensor, levels: list[Level]) -> None:
         self.sensor = sensor
+        #: empty while the place of the sensor's feature is unknown
         self.levels = levels
         #: of measurements by 'used', 'other level', …
         self.counts: Counter[str] = Counter()
@@ -129,25 +130,22 @@ class Channel:
         Outliers that agree for a quarter of a second become a new level if they are far from all
         known levels. Otherwise the estimate is wrong, and `spread` increases its variance.
         """
+        known = max(deviation**2 - measurement.variance, 0.0)  # variance by the state
+        if not self.levels:
+            return self._place_feature(measurement, residual, known)
         stamp = measurement.stamp
         level = self._nearest_level(residual, deviation)
         rest = residual - level.offset
-        known = max(deviation**2 - measurement.variance, 0.0)  # variance by the state
         deviation = math.sqrt(deviation**2 + level.variance)
         gate = self.COASTING_GATE if is_coasting else self.GATE
         fits = abs(rest) <= gate * deviation
         elapsed = stamp - self._decided
         self._decided = stamp
-        self._recent.append((stamp, math.nan if fits else residual))
-        while (
-            len(self._recent) > self.FEWEST_AGREEING
-            and stamp - self._recent[0][0] > self.LEVEL_SPAN * 1.2
-        ):
-            self._recent.popleft()
+        self._remember(stamp, math.nan if fits else residual)
 
         if fits:
             event = self._return_event(stamp, level, known)
-            self.counts['used' if level.offset == 0.0 else 'other level'] += 1
+            self.counts['used' if level is self.levels[0] else 'other level'] += 1
             self.accept(stamp)
             self.square = _mean(self.square, (rest / deviation) ** 2)
             measurement.level = level.offset
@@ -166,13 +164,40 @@ class Channel:
         distance = min(abs(agreed - one.offset) for one in self.levels)
         if distance <= max(self._tolerance, self.NEW_LEVEL * deviation):
             measurement.spread = distance
-            return f'measurements agree with each other, {1e3 * distance:.1f} mm off the estimate'
-        found = Level(agreed, known + measurement.variance / self.FEWEST_AGREEING)
-        self._add_level(found)
-        measurement.level = found.offset
-        measurement.level_variance = found.variance
-        self.accept(stamp)
+            return (
+                'measurements agree with each other, '
+                f'{1e3 * distance:.1f} mm off the estimate'
+            )
+        self._add_level(measurement, agreed, known)
         return f'new level at {1e3 * agreed:+.1f} mm'
+
+    def _place_feature(
+        self, measurement: Measurement, residual: float, known: float
+    ) -> str:
+        """
+        Find the place of a feature from measurements that agree; return the event, if any.
+
+        The residual [m] is measured from place 0 of the wall. The expectation has the given
+        variance [m²].
+        """
+        self._remember(measurement.stamp, residual)
+        self.counts['unknown feature'] += 1
+        measurement.level = OUTLIER
+        agreed = self._agreed_residual()
+        if agreed is None:
+            return ''
+        self._recent.clear()
+        self._add_level(measurement, agreed, known)
+        return f'feature found at {1e3 * agreed:+.1f} mm'
+
+    def _remember(self, stamp: float, residual: float) -> None:
+        """Store a residual [m or rad], NaN if accepted, and forget those before `LEVEL_SPAN`."""
+        self._recent.append((stamp, residual))
+        while (
+            len(self._recent) > self.FEWEST_AGREEING
+            and stamp - self._recent[0][0] > self.LEVEL_SPAN * 1.2
+        ):
+            self._recent.popleft()
 
     def _nearest_level(self, residual: float, deviation: float) -> Level:
         """Return the level nearest to a residual; prefer configured levels."""
@@ -204,8 +229,16 @@ class Channel:
         self.fitted = stamp
         self.rejected_for = 0.0
 
-    def _add_level(self, level: Level) -> None:
-        """Add a new level; remove the oldest found level if there are too many."""
+    def _add_level(self, measurement: Measurement, offset: float, known: float) -> None:
+        """
+        Add the level of a measurement; remove the oldest found level if there are too many.
+
+        The offset [m] contains the error of the state, of the given variance [m²].
+        """
+        level = Level(offset, known + measurement.variance / self.FEWEST_AGREEING)
+        measurement.level = level.offset
+        measurement.level_variance = level.variance
+        self.accept(measurement.stamp)
         self.levels.append(level)
         if len(self.levels) > self.MOST:
             found = [one for one in self.levels if one.variance > 0.0]
