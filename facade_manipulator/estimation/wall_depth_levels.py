@@ -19,7 +19,7 @@ from facade_manipulator.estimation.imu_checks import (
     OLDEST_MEASUREMENT,
     SENSOR_CLOCK_TOLERANCE,
 )
-from facade_manipulator.estimation.rail_pose_model import WallSensor
+from facade_manipulator.estimation.rail_pose_model import WallSensor, YAW
 from facade_manipulator.estimation.start import FirstMeasurements
 
 OUTLIER = math.inf
@@ -68,12 +68,14 @@ class Channel:
     # expectation after a long outage is so uncertain that both fit
     PREFERENCE = 2.0
     MOST = 12  # levels that are kept
-    LARGEST = 20.0  # m: a larger distance was sent in another unit
+    LARGEST = 20.0  # m or rad: a larger distance was sent in another unit
 
     def __init__(self, sensor: WallSensor, levels: list[Level]) -> None:
         self.sensor = sensor
         #: empty while the place of the sensor's feature is unknown
         self.levels = levels
+        #: of the measurements; events are in a thousandth of it
+        self._unit = 'rad' if sensor.axes == (YAW,) else 'm'
         #: of measurements by 'used', 'other level', …
         self.counts: Counter[str] = Counter()
         self.period = math.nan  #: mean time between measurements [s]
@@ -100,10 +102,11 @@ class Channel:
         if not math.isfinite(value):
             raise InputError.not_finite(sensor.name, value)
         if abs(value) > self.LARGEST:
+            unit_name = 'metres' if self._unit == 'm' else 'radians'
             raise InputError(
                 'unit',
-                f'{sensor.name} rejected: {value:.4g} m is beyond the '
-                f'limit {self.LARGEST:g} m; next: publish it in metres',
+                f'{sensor.name} rejected: {value:.4g} {self._unit} is beyond the '
+                f'limit {self.LARGEST:g} {self._unit}; next: publish it in {unit_name}',
             )
         stamp -= sensor.delay
         require_recent(
@@ -166,10 +169,10 @@ class Channel:
             measurement.spread = distance
             return (
                 'measurements agree with each other, '
-                f'{1e3 * distance:.1f} mm off the estimate'
+                f'{1e3 * distance:.1f} m{self._unit} off the estimate'
             )
         self._add_level(measurement, agreed, known)
-        return f'new level at {1e3 * agreed:+.1f} mm'
+        return f'new level at {1e3 * agreed:+.1f} m{self._unit}'
 
     def _place_feature(
         self, measurement: Measurement, residual: float, known: float
@@ -220,8 +223,8 @@ class Channel:
             return ''
         return (
             f'measuring again after {silence:.2f} s: the place of the wall is assumed '
-            f'at {1e3 * level.offset:+.1f} mm, by an estimate of '
-            f'+-{1e3 * math.sqrt(known):.1f} mm'
+            f'at {1e3 * level.offset:+.1f} m{self._unit}, by an estimate of '
+            f'+-{1e3 * math.sqrt(known):.1f} m{self._unit}'
         )
 
     def accept(self, stamp: float) -> None:
