@@ -9,6 +9,7 @@ counted.
 
 from __future__ import annotations
 
+from functools import cache
 import json
 import logging
 from logging.handlers import QueueHandler
@@ -105,6 +106,12 @@ FAULTS = {
 }
 
 
+@cache
+def is_of_simulation(file: str) -> bool:
+    """Return whether code belongs to the simulated drives, or to the bus of the test."""
+    return any(part in file for part in SIMULATED)
+
+
 class Watch:
     """Counter of calls, files and modules in the turns of a controller."""
 
@@ -120,7 +127,10 @@ class Watch:
         sys.addaudithook(self._hear)
 
     def turn(self) -> None:
-        """Run a turn of the controller and count its calls."""
+        """Run a turn of the controller, and count its calls until the stop is commanded."""
+        if self._is_commanded:
+            self._turn()
+            return
         self._calls = 0
         self._simulated = 0
         self._is_active = True
@@ -133,17 +143,21 @@ class Watch:
         self.most_calls = max(self.most_calls, self._calls)
 
     @property
-    def _is_counted(self) -> bool:
-        """Return whether the controller computes, and has not commanded the stop yet."""
+    def _is_commanded(self) -> bool:
+        """Return whether the controller has commanded the stop to all drives."""
         if self._rig.controller.group.is_stopped and self._frames is None:
             self._frames = len(self._rig.heard)
-        is_commanded = self._frames is not None and (
+        return self._frames is not None and (
             len(self._rig.heard) >= self._frames + COMMANDS
         )
-        return self._is_active and not self._simulated and not is_commanded
+
+    @property
+    def _is_counted(self) -> bool:
+        """Return whether the controller computes, and has not commanded the stop yet."""
+        return self._is_active and not self._simulated and not self._is_commanded
 
     def _profile(self, frame: FrameType, event: str, _: object) -> None:
-        is_simulated = any(part in frame.f_code.co_filename for part in SIMULATED)
+        is_simulated = is_of_simulation(frame.f_code.co_filename)
         if event == 'call':
             self._simulated += is_simulated
             self._calls += self._is_counted
