@@ -1,7 +1,6 @@
 """Control of the package, which holds the head on the wall of the simulated world."""
 
 from dataclasses import replace
-from functools import cache
 import math
 
 from closed_loop import ClosedLoop, DRIVE_LAG
@@ -42,7 +41,6 @@ def test_sway_is_attenuated_by_the_required_decibels(name, drive_lag, least):
     assert loop.rejections == []
 
 
-@cache
 def path_on_the_wall(wrong_every, size):
     """Return the head's path [m, m, rad] with bursts of wrong estimates."""
     scenario = load_scenario('burst')
@@ -57,10 +55,11 @@ def path_on_the_wall(wrong_every, size):
     return np.array([one.head for one in loop.follow(GOAL, 12.0)])
 
 
-@pytest.mark.parametrize('size', [-0.012, 0.2])
-def test_bursts_of_wrong_estimates_do_not_move_the_head(size):
-    moved = path_on_the_wall(5.0, size) - path_on_the_wall(math.inf, 0.0)
-    assert np.abs(moved).max() < 0.002
+def test_bursts_of_wrong_estimates_do_not_move_the_head():
+    undisturbed = path_on_the_wall(math.inf, 0.0)  # two workers would each compute it
+    for size in (-0.012, 0.2):
+        moved = path_on_the_wall(5.0, size) - undisturbed
+        assert np.abs(moved).max() < 0.002, f'bursts of {size} m and rad'
 
 
 def test_strong_shake_along_x_leaves_y_and_yaw():
