@@ -188,6 +188,29 @@ OF_FILES = {  # executables that read or write a file of the user, with its plac
 }
 
 
+# One import serves all files: each run is a fork, and so the first run of its process.
+OF_FILES_CODE = """
+import json, os, sys
+from importlib import import_module
+from facade_manipulator import executables
+name = sys.argv[1]
+os.environ.update(executables.SETTINGS)
+main = getattr(executables, name)
+import_module(f'facade_manipulator.{main.args[1]}')
+found = []
+for arguments in json.loads(sys.argv[2]):
+    errors = os.open('errors', os.O_RDWR | os.O_CREAT | os.O_TRUNC)
+    child = os.fork()
+    if child == 0:
+        os.dup2(errors, 2)
+        sys.argv = [name, *arguments]
+        raise SystemExit(main())
+    _, status = os.waitpid(child, 0)
+    with open(errors) as text:
+        text.seek(0)
+        found.append([os.waitstatus_to_exitcode(status), text.read()])
+print(json.dumps(found))
+"""
 #: nodes that read their files as the driver does
 ALIKE = {*NODES} - {'driver', 'gondola_simulator'}
 
@@ -199,23 +222,22 @@ def test_executable_names_the_file_that_it_cannot_use(name, ros_domain, tmp_path
     (tmp_path / 'folder.yaml').mkdir()
     (tmp_path / 'file.yaml').touch()
     (tmp_path / 'bad.yaml').write_text('[')
-    for file in UNUSABLE[:1] if name in ALIKE else UNUSABLE:
-        arguments = [word.format(file) for word in OF_FILES[name]]
-        done = subprocess.run(
-            [
-                sys.executable,
-                '-c',
-                f'from facade_manipulator.executables import {name} as main\n'
-                'raise SystemExit(main())',
-                *arguments,
-            ],
-            cwd=tmp_path,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        line = [line for line in done.stderr.splitlines() if file in line][-1]
-        assert done.returncode in (1, 2) and line.count('next: ') == 1, done.stderr
-        assert not re.search(r'Errno|Traceback|\.c:|/src/', done.stderr), done.stderr
+    files = UNUSABLE[:1] if name in ALIKE else UNUSABLE
+    runs = []
+    for file in files:
+        runs.append([word.format(file) for word in OF_FILES[name]])
+    done = subprocess.run(
+        [sys.executable, '-c', OF_FILES_CODE, name, json.dumps(runs)],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    found = json.loads(done.stdout.splitlines()[-1])
+    for file, (status, errors) in zip(files, found, strict=True):
+        line = [line for line in errors.splitlines() if file in line][-1]
+        assert status in (1, 2) and line.count('next: ') == 1, errors
+        assert not re.search(r'Errno|Traceback|\.c:|/src/', errors), errors
 
 
 def test_closed_pipe_ends_a_tool_silently():
