@@ -17,7 +17,6 @@ from facade_manipulator.client import ManipulatorClient
 FOLDER = Path(facade_manipulator.__file__).parents[1] / 'docs/examples'
 CLIENT = 'supervisor_with_client'
 RCLPY = 'supervisor_with_rclpy'
-EXAMPLES = [CLIENT, RCLPY]
 # both examples recover by the same steps, and each run takes half a minute
 of_client = pytest.mark.parametrize('begin', [CLIENT], indirect=True)
 of_rclpy = pytest.mark.parametrize('begin', [RCLPY], indirect=True)
@@ -67,6 +66,7 @@ class Operator:
             lambda: self.process.poll() is not None, 'the end', LONG, self.confirm
         )
         assert self.process.returncode == 0, self.output()
+        assert driver_state() == 'unconfigured'
 
 
 @pytest.fixture
@@ -95,26 +95,26 @@ def driver(start_driver, start_process):
     return start_driver()
 
 
-@pytest.fixture(params=EXAMPLES)
-def begin(request, start_process):
-    """Return a function that starts an example with arguments."""
-    return lambda *arguments: Operator(start_process, request.param, *arguments)
+@pytest.fixture
+def begin(request, start_process, ros):
+    """
+    Return a function that starts an example with arguments, up to its first question.
+
+    The driver is unconfigured before the first confirmation and after the end of each run.
+    """
+
+    def start(*arguments: str) -> Operator:
+        operator = Operator(start_process, request.param, *arguments)
+        wait_until(lambda: QUESTION in operator.output(), 'the first question')
+        assert driver_state() == 'unconfigured'
+        return operator
+
+    return start
 
 
 def driver_state() -> str:
     with ManipulatorClient(node_name='observer') as client:
         return client.driver_state()
-
-
-def test_example_is_unconfigured_before_confirmation_and_after_its_end(
-    driver, begin, ros
-):
-    operator = begin('--strokes', '2')
-    wait_until(lambda: QUESTION in operator.output(), 'the first question')
-    assert driver_state() == 'unconfigured'
-    operator.confirm_until_end()
-    assert 'stroke 2 of 2' in operator.output()
-    assert driver_state() == 'unconfigured'
 
 
 @of_rclpy
@@ -127,6 +127,7 @@ def test_example_continues_after_a_confirmed_fault(driver, begin):
     os.kill(loop, signal.SIGCONT)
     operator.confirm_until_end()
     assert '\nclear_faults\nactivate\n' in operator.output()
+    assert 'stroke 3 of 3' in operator.output()
 
 
 @of_client
