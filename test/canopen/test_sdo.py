@@ -9,7 +9,12 @@ from steps import result_of
 
 from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.clock import Clock
-from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel, Steps
+from facade_manipulator.canopen.sdo import (
+    expedited_number,
+    SdoAbortError,
+    SdoChannel,
+    Steps,
+)
 from facade_manipulator.errors import DriveTimeoutError
 
 NODE = 2
@@ -109,6 +114,11 @@ def test_short_answer_with_its_value_is_used(answer, size, value):
     drive = ScriptedDrive(lambda data: (bytes.fromhex(answer),))
     drive.channel.size = lambda *_: size
     assert drive.read() == value
+
+
+def test_answer_with_a_size_contains_no_number():
+    """The serial number follows in segments; 4 is its size."""
+    assert expedited_number(bytes.fromhex('4118100404000000')) is None
 
 
 @pytest.mark.parametrize('answer', ['60656000', '6065600000', '6F656000ABABABAB'])
@@ -233,6 +243,15 @@ UPLOADS = {
         < 1B 62 63
         """,
         '61 61 61 61 61 61 61 62 63',
+    ),
+    'segmented, only segment short': (
+        """
+        > 40 65 60 00 00 00 00 00
+        < 41 65 60 00 02 00 00 00
+        > 60 00 00 00 00 00 00 00
+        < 0B 62 63
+        """,
+        '62 63',
     ),
     'segmented without a size, last segment short': (
         """
