@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator.compensation.contact import Contact, LateralSettings
-from facade_manipulator.compensation.contact_force import ForceLaw, SPEED
+from facade_manipulator.compensation.contact_force import ForceLaw, SPEED, WallTracker
 from facade_manipulator.compensation.contact_phases import (
     ContactSettings,
     Pressing,
@@ -334,6 +334,21 @@ def test_old_reading_is_ignored_after_a_clock_step():
     press(600.0, 1.0, pressing=pressing, start=END - 1.5, sensor=lambda *_: None)
     assert pressing.mode is PressMode.RETRACTED
     assert 'no contact_wrench for 0.2 s' in pressing.last_reason
+
+
+def distance_after_a_step(stiffness):
+    """Return the tracked distance [m], 50 ms after the wall has moved by 1 mm."""
+    tracker = WallTracker()
+    for k in range(6):
+        wall = 1e-3 * (k > 0)
+        tracker.note_place(k * PERIOD, 0.0)
+        tracker.add_measurement(k * PERIOD, -stiffness * wall, stiffness)
+    return tracker.distance(5 * PERIOD)
+
+
+def test_wall_is_tracked_slower_on_a_soft_brush():
+    """The noise of the distance is that of the force, divided by the stiffness."""
+    assert 0.0 < distance_after_a_step(600.0) < 0.7 * distance_after_a_step(5000.0)
 
 
 def test_brush_that_bottoms_out_makes_the_head_retract():
