@@ -4,14 +4,30 @@ from collections import defaultdict, deque
 from dataclasses import replace
 import math
 
-from bus_world import at_rest, configured, HOME, in_motion, LEAD, Rig, SETTINGS
+from bus_world import (
+    at_rest,
+    configured,
+    HOME,
+    in_motion,
+    LEAD,
+    Rig,
+    SETTINGS,
+    stopping,
+)
 from frames import decode_rpdo1
 import numpy as np
 import pytest
+from support import wait_until
 
 from facade_manipulator.canopen import pdo
-from facade_manipulator.control_loop.control_loop import ControlLoop
+from facade_manipulator.canopen.link import BusSettings
+from facade_manipulator.control_loop.control_loop import (
+    ControlLoop,
+    HANG_TIMEOUT,
+    HangAlarm,
+)
 from facade_manipulator.control_loop.loop_channel import LoopSetup, Message
+from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, State
 from facade_manipulator.kinematics import Geometry
@@ -75,9 +91,9 @@ class NodeEnd:
 class LoopRig(Rig):
     """Control loop between three simulated drives and a simulated node."""
 
-    def __init__(self, **changes: object) -> None:
+    def __init__(self, axes=DEFAULT_AXES, **changes: object) -> None:
         settings = replace(SETTINGS, **changes)
-        super().__init__(settings)
+        super().__init__(settings, axes)
         self.node = NodeEnd(self)
         self.loop = ControlLoop(
             LoopSetup(Geometry(), settings, self.axes),
@@ -162,6 +178,17 @@ def test_end_of_the_loop_returns_whether_power_is_off(is_silent):
     assert rig.loop.close() is not is_silent
 
 
+def test_end_of_the_loop_waits_for_slow_brakes():
+    """A quick stop from full speed takes 3 s."""
+    slow = tuple(
+        replace(one, stop_deceleration=one.max_speed / 3) for one in DEFAULT_AXES
+    )
+    rig = LoopRig(slow)
+    stopping(rig)
+    assert rig.loop.close()
+    assert rig.drive_states == OFF
+
+
 def test_node_hanging_without_power_keeps_the_loop(caplog):
     rig = LoopRig(watchdog_timeout=0.1)
     configured(rig)
@@ -234,6 +261,46 @@ def test_states_are_sent_at_most_at_100_hz(rate):
     configured(rig)
     rig.serve(1.0)
     assert 90 <= len(rig.node.sent['state']) <= 105
+
+
+def test_flood_of_the_stream_delays_a_step_by_a_tenth():
+    rig = LoopRig()
+    at_rest(rig)
+    times = []
+
+    def endless_stream(number, may_continue):
+        begin = rig.clock.now
+        while may_continue() and rig.clock.now < begin + 1.0:
+            rig.clock.now += 1e-5
+        times.append(rig.clock.now - begin)
+        return []
+
+    rig.node.stream = endless_stream
+    rig.serve(0.1)
+    assert times == pytest.approx([0.1 * SETTINGS.period] * len(times), abs=2e-5)
+
+
+class RecordedAlarm(HangAlarm):
+    """Alarm that only records its timeouts."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.timeouts: list[float] = []  # s
+
+    def set(self, timeout: float) -> None:
+        self.timeouts.append(timeout)
+
+
+def test_hang_alarm_pauses_while_the_bus_is_opened():
+    alarm = RecordedAlarm()
+    bus = BusSettings(interface='unknown')
+    setup = LoopSetup(Geometry(), SETTINGS, DEFAULT_AXES, bus)
+    controller = ControlLoop(setup, NodeEnd(None), alarm=alarm).controller
+    replies = []
+    controller.request('configure', replies.append)
+    wait_until(lambda: replies, 'the reply', step=controller.turn)
+    assert 'cannot be opened' in str(replies[0])
+    assert alarm.timeouts == [0.0, HANG_TIMEOUT]
 
 
 def test_software_stop_shorter_than_a_cycle_stops_the_drives():

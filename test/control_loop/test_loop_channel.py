@@ -1,5 +1,7 @@
 """Channel between node and loop: whole messages, a bound, and no waiting."""
 
+import time
+
 from control_loop.loop_rig import channel_pair, waiting_messages
 import pytest
 
@@ -44,3 +46,11 @@ def test_stream_is_read_while_the_condition_holds():
         (1,),
     ]
     assert len(theirs.stream(9)) == 3
+
+
+@pytest.mark.realtime
+def test_wait_without_a_command_ends_at_its_timeout():
+    ours, _theirs = channel_pair()
+    begin = time.monotonic()
+    ours.wait(0.05)
+    assert 0.05 <= time.monotonic() - begin < 5.0
