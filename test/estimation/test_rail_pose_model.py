@@ -12,6 +12,7 @@ from facade_manipulator.estimation.estimator_settings import ImuSettings
 from facade_manipulator.estimation.rail_pose_model import SENSORS
 
 INDICES = {**vars(rail_pose_model), 'DELAY': SENSORS + 1}  # place in the state vector
+PROCESS = rail_pose_model.Process
 STEP = 0.005  # s
 SHIFT = 1e-6  # of the finite differences
 IMU_INPUT = (0.03, -0.02, 0.05, 0.2, -0.1, 9.7)
@@ -89,6 +90,36 @@ def test_jacobian_is_the_derivative_of_the_measurement(sensor, mean, later):
 RATE = 0.3  # rad/s
 ACCELERATION = 0.3**2  # m/s²
 REST = (*5 * [0.0], 9.81)
+
+
+@pytest.mark.parametrize(
+    ('biases', 'at_start', 'walk'),
+    [
+        (PROCESS.GYROSCOPES, PROCESS.GYROSCOPE_BIAS_ON_START, PROCESS.GYROSCOPE_WALK),
+        (
+            PROCESS.ACCELEROMETERS,
+            PROCESS.ACCELEROMETER_BIAS_ON_START,
+            PROCESS.ACCELEROMETER_WALK,
+        ),
+    ],
+    ids=['gyroscope', 'accelerometer'],
+)
+def test_variance_of_a_bias_grows_as_a_random_walk(biases, at_start, walk):
+    process = PROCESS(IMU, [])
+    state = process.initial_state()
+    for _ in range(round(10.0 / STEP)):
+        state = process.propagate(state, REST, STEP)
+    grown = np.diag(state.covariance)[biases] - at_start**2
+    assert grown == pytest.approx(10.0 * walk**2, rel=1e-3)
+
+
+@pytest.mark.parametrize('sensor', SENSORS_OF_WALL, ids=lambda sensor: sensor.name)
+@given(mean=states)
+def test_shift_of_a_moving_rail_explains_the_measurement(sensor, mean):
+    measured = sensor.expect(mean.tolist(), 0.0)[0] + 1e-4
+    shifted = mean.copy()
+    shifted[sensor.axes[0]] += sensor.shift(mean, measured)
+    assert sensor.expect(shifted.tolist(), 0.0)[0] == pytest.approx(measured, abs=1e-6)
 
 
 def test_rail_that_tilts_in_a_cone_does_not_yaw():
