@@ -96,6 +96,25 @@ def test_mean_velocities_smoothed_by_later_setpoints_avoid_jerk(ahead, is_smooth
     assert (counts[-1] == counts[500]) is is_smooth
 
 
+def test_sudden_start_of_a_stream_hardly_moves_carriages_backwards():
+    """Smoothing changes a mean velocity by at most half an interval of full acceleration."""
+    interval = 2.0 * PERIOD
+    made = follower(start=REST)
+    number = 0
+    positions = []
+    for cycle in range(100):
+        now = cycle * PERIOD
+        while number * interval <= now + 0.06:
+            time = number * interval
+            speed = 0.1 if time > 0.5 else 0.0
+            way = 0.1 * max(time - 0.5, 0.0)
+            made.add(Setpoint(time, (way,) * 3, (speed,) * 3), now)
+            number += 1
+        positions += made.sample(now + LEAD)
+    assert min(positions) >= -0.25 * LIMITS.acceleration * interval**2
+    assert max(positions) > 0.03
+
+
 def test_silent_or_forgotten_stream_brakes_and_resumes():
     made = follower()
     assert set(run(made, 0.0, 0.5, stream=None)) == {HOME}
