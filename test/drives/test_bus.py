@@ -253,9 +253,10 @@ def test_drive_that_sends_sync_is_named_and_configured(rig, period_us, number):
     assert len(syncs) == pytest.approx(periods, abs=2)
 
 
-def test_master_beside_a_drive_that_sends_sync_is_named(rig):
-    make_producer(rig.drives[1], 80_000)
-    forge_syncs(rig, 0.015)
+@pytest.mark.parametrize(('period_us', 'period'), [(80_000, 0.015), (2_000_000, 2.0)])
+def test_master_beside_a_drive_that_sends_sync_is_named(rig, period_us, period):
+    make_producer(rig.drives[1], period_us)
+    forge_syncs(rig, period)
     with pytest.raises(BusError, match=r'another master.*SYNC \(080h\)'):
         rig.request('configure')
 

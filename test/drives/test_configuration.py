@@ -89,10 +89,11 @@ def test_read_only_objects_with_their_values_are_accepted(rig):
     rig.request('configure')
 
 
-def test_missing_optional_object_is_reported(rig):
-    absent(rig.drives[1].objects, (0x1029, 1))
+@pytest.mark.parametrize('index', [0x1029, 0x1402])  # the latter of an unused PDO
+def test_missing_optional_object_is_reported(rig, index):
+    absent(rig.drives[1].objects, (index, 1))
     rig.request('configure')
-    assert 'q2 has no object 1029h:01, which is optional' in rig.snapshot.notes
+    assert f'q2 has no object {index:X}h:01, which is optional' in rig.snapshot.notes
 
 
 def test_value_that_does_not_fit_its_object_is_named(make_rig, axes_with):
