@@ -8,7 +8,7 @@ from fake_bus import FakeBus
 import pytest
 from tools.commissioning.rig import raising, SERIALS
 
-from facade_manipulator.canopen.lss import LssSlave, UNCONFIGURED
+from facade_manipulator.canopen.lss import lss_master, LssSlave, UNCONFIGURED
 from facade_manipulator.tools.commissioning.tool_bus import ToolBus
 
 pytestmark = pytest.mark.long
@@ -109,6 +109,15 @@ def test_new_drives_that_answer_late_get_their_node_ids(make_rig, latencies):
     assert rig.run(*ASSIGN) == 0
     rig.power_cut()
     assert [drive.node_id for drive in rig.drives] == [2, 3, 1]
+
+
+def test_fastscan_of_fast_slaves_takes_seconds(make_rig):
+    rig = make_rig('--new', '255')
+    master = lss_master(ToolBus(rig.open_bus(), rig.clock), 0.1)
+    begin = rig.clock.now
+    is_found, _ = master.fast_scan()
+    assert is_found
+    assert rig.clock.now - begin < 10.0
 
 
 def test_interrupted_tool_reads_the_answers_that_wait(make_rig):
