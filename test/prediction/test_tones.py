@@ -50,6 +50,14 @@ def test_tones_are_found_within_twice_the_bound(motion, count):
     assert np.sqrt(np.square(errors).mean()) < 2.0 * bound
 
 
+def test_repeated_fit_without_new_estimates_changes_nothing():
+    tones, stamp = fitted(TWO, 10.0)
+    tones.fit(0, NOISE**2)
+    before = tones.at(stamp, AHEAD)[0].tolist()
+    tones.fit(0, NOISE**2)
+    assert tones.at(stamp, AHEAD)[0].tolist() == before
+
+
 @pytest.mark.parametrize('rate', [20.0, 200.0])
 @pytest.mark.parametrize('frequency', [0.2, 1.0])
 def test_mean_of_estimates_does_not_reduce_an_amplitude(rate, frequency):
