@@ -15,7 +15,9 @@ from facade_manipulator.canopen.link import BusSettings
 from facade_manipulator.client import ManipulatorClient
 
 FLAGS = Path('/sys/class/net/vcan0/flags')
+FOLDER = Path(__file__).parent
 _numbers = itertools.count()
+_stacks: list[Stack] = []
 
 
 @pytest.fixture(scope='session')
@@ -23,8 +25,17 @@ def stack(tmp_path_factory):
     """Return drives and a driver that consecutive tests share."""
     with free_domain() as domain:
         made = Stack(domain, tmp_path_factory)
+        _stacks.append(made)
         yield made
         made.end()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(nextitem):
+    """End shared drives and driver before the tests of other folders: idle, they still compute."""
+    if nextitem is None or FOLDER not in nextitem.path.parents:
+        for made in _stacks:
+            made.end()
 
 
 @pytest.fixture
