@@ -3,6 +3,7 @@
 import math
 import re
 
+from compensation.compensated_head import CompensatedHead
 import pytest
 
 from facade_manipulator.compensation.compensation_diagnostics import (
@@ -21,6 +22,7 @@ from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose, ZERO_POSE
 
 POSE = Pose(0.001, -0.02, math.radians(3.0))
+UNMEASURED = 'x is not measured or too uncertain; next: check the sensor'
 WORDS = 'x +1.0 mm, y -20.0 mm, theta +3.00 deg'
 
 
@@ -95,6 +97,22 @@ def test_correction_values_have_the_unit_of_their_key(compensator):
             f'theta {math.degrees(deviations[2]):.2g} deg'
         ),
     }
+
+
+@pytest.mark.parametrize('goal', [None, Pose(0.0, 0.25, 0.0)])
+def test_unmeasured_axis_is_a_warning_without_a_deviation(goal):
+    head = CompensatedHead(goal=goal).run(1.0)
+    head.variances = (1e9, 1e-6, 1e-6)
+    head.run(1.0)
+    _, level, message, values = correction_component(
+        head.compensator, head.now, '', (0.0, 0.0)
+    )
+    assert level == 'warn'
+    held = 'held back in x by an uncertain estimate'
+    assert message == 'compensating; ' + (held if goal else UNMEASURED)
+    deviations = values['standard deviation of the prediction'].split('; ')
+    assert deviations[0] == 'x inf mm'
+    assert not any('inf' in text for text in deviations[1:])
 
 
 def test_contact_values_have_the_unit_of_their_key(compensator):

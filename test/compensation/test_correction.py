@@ -182,6 +182,18 @@ def test_tare_without_a_fresh_estimate_is_rejected(heard, message):
 
 
 @pytest.mark.parametrize(
+    ('known', 'axes'),
+    [((False, False, False), 'x, y, theta are'), ((False, True, True), 'x is')],
+)
+def test_tare_with_an_unmeasured_axis_is_rejected(settled, known, axes):
+    run = deepcopy(settled).go(5.0, known=known)
+    with pytest.raises(ManipulatorError, match=f'^tare rejected: {axes} not measured'):
+        run.correction.tare(run.now)
+    run.go(1.0)
+    run.correction.tare(run.now)
+
+
+@pytest.mark.parametrize(
     ('share', 'constant'), [(0.2, 0.015), (0.4, 0.015), (1.0, 0.03)]
 )
 def test_smoothing_follows_the_noise_of_the_estimates(share, constant):

@@ -248,6 +248,18 @@ def test_rejected_goal_is_reported_beside_the_followed_goal(machine):
     assert 'rejection' not in machine.sent[-1]
 
 
+@pytest.mark.parametrize('duration, state', [(0.2, 'moving'), (LONG, 'reached')])
+def test_followed_goal_is_the_last_report_after_a_rejection(machine, duration, state):
+    machine.follow(GOAL, '1.0')
+    machine.run(duration)
+    machine.goals.reject('2.0', 'far')
+    first, *_ = machine.run(0.1)
+    keys = ('goal stamp', 'state', 'rejected goal stamp', 'rejection')
+    assert [first[key] for key in keys] == ['1.0', state, '2.0', 'far']
+    if state == 'reached':
+        assert machine.run(1.0) == []
+
+
 def test_held_back_head_is_reported_with_the_axis(machine):
     machine.follow(FAR, '1.0')
     machine.run(0.1)
