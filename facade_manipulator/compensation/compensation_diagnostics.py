@@ -30,6 +30,8 @@ def correction_outcome(
     if mode in UNESTIMATED:
         text = f'{text}: {correction.silence_cause(now)}'
     addition = fault or compensator.held_back.message(now)
+    if not addition and mode not in UNESTIMATED:
+        addition = correction.unmeasured_axes()
     level = 'warn' if addition or mode in UNCORRECTED else 'ok'
     if fault or mode is CorrectionMode.SILENT:
         level = 'error'
@@ -60,9 +62,13 @@ def correction_component(
     deviations = correction.deviations(now + horizon + lag)
     if deviations:
         texts = []
-        for axis, deviation in zip(POSE_AXES, deviations, strict=True):
+        for axis, deviation, is_usable in zip(
+            POSE_AXES, deviations, correction.usable, strict=True
+        ):
             name, scale, unit = axis
-            texts.append(f'{name} {scale * deviation:.2g} {unit}')
+            # the prediction of an axis that is not usable says nothing about the rail
+            known = deviation if is_usable else math.inf
+            texts.append(f'{name} {scale * known:.2g} {unit}')
         values['standard deviation of the prediction'] = '; '.join(texts)
     return 'correction', *correction_outcome(compensator, now, fault), values
 

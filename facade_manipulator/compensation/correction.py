@@ -261,7 +261,7 @@ class Correction:
         """
         Use the present disturbance as the nominal pose, and return it [m, m, rad].
 
-        Raises a ManipulatorError if there is no fresh estimate.
+        Raises a ManipulatorError if there is no fresh estimate, or if an axis is not usable.
         """
         if self.age(now) > ESTIMATOR_SILENCE:
             newest = 'no estimate was received yet'
@@ -273,6 +273,8 @@ class Correction:
             raise ManipulatorError(
                 f'tare rejected: {newest}: {self.silence_cause(now)}'
             )
+        if unmeasured := self.unmeasured_axes():
+            raise ManipulatorError(f'tare rejected: {unmeasured}')
         nominal = self.predictor.predict(now).position
         self._change(nominal=nominal)
         return nominal
@@ -327,6 +329,20 @@ class Correction:
         ):
             noise = max(noise, math.sqrt(variance) / usual)
         return min(max(noise * self.SMOOTHING, self.LEAST_SMOOTHING), self.SMOOTHING)
+
+    def unmeasured_axes(self) -> str:
+        """Return the names of the axes that are not usable, with the next step; or ``''``."""
+        names = []
+        for name, is_usable in zip(Pose._fields, self.usable, strict=True):
+            if not is_usable:
+                names.append(name)
+        if not names:
+            return ''
+        verb = 'is' if len(names) == 1 else 'are'
+        return (
+            f'{", ".join(names)} {verb} not measured or too uncertain; '
+            'next: check the sensor'
+        )
 
     def silence_cause(self, now: float) -> str:
         """Return why no valid estimate is received at a time [s], with the next step."""

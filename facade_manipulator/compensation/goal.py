@@ -151,6 +151,8 @@ class GoalTracker:
         self._rejection: Rejection | None = None  # since a goal was followed last
         self._near_since = math.inf  # since when the head is near the goal [s]
         self._due = -math.inf  # time of the next report [s]
+        # whether the rejection of another goal was published after the followed goal
+        self._hides_followed = False
         self._repeat()
 
     @property
@@ -212,6 +214,7 @@ class GoalTracker:
             return  # a repetition does not change the answer
         self._rejection = Rejection(stamp, reason)
         self._send(stamp, GoalState.REJECTED, reason)
+        self._hides_followed = True
 
     def end(self, reason: str) -> None:
         """Report why the followed goal ends; the caller then stops the head."""
@@ -219,12 +222,17 @@ class GoalTracker:
             self._enter(GoalState.ENDED, reason)
 
     def update(self, now: float) -> None:
-        """Publish changes at once, and the distance every `GOAL_PERIOD` until arrival."""
+        """
+        Publish changes at once, and the distance every `GOAL_PERIOD` until arrival.
+
+        A goal is also published after the rejection of another, for subscribers that join later.
+        """
         if not self.is_followed:
             return
         remaining = self._measure_remaining(now)
         state, reason = self._present_state(now, remaining)
         is_changed = state is not self.state or reason != self._reason
+        is_changed = is_changed or self._hides_followed
         # or the clock was set back
         is_due = not self._due - self.GOAL_PERIOD <= now < self._due
         if is_changed or (is_due and state is not GoalState.REACHED):
@@ -292,6 +300,7 @@ class GoalTracker:
         """Change and publish the state of the newest goal."""
         self.state = state
         self._reason = reason
+        self._hides_followed = False
         self._send(self._goal.stamp, state, reason, remaining)
 
     def _repeat(self) -> None:
