@@ -4,7 +4,7 @@ import pytest
 
 from facade_manipulator.canopen.link import BusStatistics
 from facade_manipulator.drives.cycle import CycleStatistics
-from facade_manipulator.drives.outcome import outcome_of
+from facade_manipulator.drives.outcome import NodeProblems, outcome_of
 from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
     Cause,
@@ -43,6 +43,24 @@ def test_counters_and_measurements_do_not_change_the_outcome(changes):
 def test_change_of_each_value_changes_the_outcome(value, changes):
     found = outcome_of(ACTIVE._replace(**changes))
     assert getattr(found, value) != getattr(outcome_of(ACTIVE), value)
+
+
+@pytest.mark.parametrize(
+    'state, forbidden, cause',
+    [
+        ('halted', '', 'driver/halt was called'),
+        ('halting', '', 'driver/halt was called'),
+        ('unconfigured', 'software_stop was set', 'software_stop was set'),
+        ('unconfigured', '', ''),
+        ('active', '', ''),
+    ],
+)
+def test_halt_and_forbidden_power_have_a_cause(state, forbidden, cause):
+    snapshot = ACTIVE._replace(state=ControllerState(state))
+    found = outcome_of(snapshot, problems=NodeProblems(forbidden=forbidden))
+    assert found.cause == cause
+    stopped = snapshot._replace(causes=(Cause('q1 is late'),))
+    assert outcome_of(stopped).cause == 'q1 is late'
 
 
 def test_reply_has_the_next_step_after_its_own():

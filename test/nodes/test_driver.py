@@ -212,6 +212,8 @@ def test_self_test_reports_drives_and_bus(bench):
     early = bench.call(topics.SELF_TEST)
     assert early.passed == b'\x00'
     assert 'not configured' in early.status[0].message
+    assert early.status[0].name == 'self_test'
+    assert early.status[0].message.startswith('not possible ')
     bench.change('configure')
     reply = bench.call(topics.SELF_TEST)
     assert [status.name for status in reply.status] == ['q1', 'q2', 'q3', 'bus']
@@ -273,7 +275,7 @@ def test_live_limits_with_which_carriages_touch_are_rejected(bench):
 def test_end_of_the_node_is_published(bench):
     bench.bring_up()
     bench.tested.close()
-    bench.until_driver('closed', '')
+    bench.until_driver('closed', 'start the driver again')
 
 
 def test_configure_at_start_waits_for_the_can_interface(ros, monkeypatch):

@@ -117,7 +117,7 @@ def carriages(names, values):
         (
             lambda: planar_messages.seconds(Time(sec=1, nanosec=10**9)),
             'malformed',
-            'limit 1000000000 ns',
+            'stamp is invalid: 1000000000 ns is not below the limit 1000000000 ns',
         ),
         (
             lambda: planar_messages.require_frame('map', 'rail', 'goal'),
