@@ -33,7 +33,8 @@ class DriverOutcome(NamedTuple):
 
     state: str
     activity: str  #: of the carriages while the state is active, such as ``'holding'``
-    cause: str  #: first cause of a stop, ``''`` for none
+    #: first cause of a stop, reason that forbids power, or the halt; ``''`` for none
+    cause: str
     next_step: str  #: of the operator, ``''`` while setpoints are followed
     power: str  #: confirmed off, unknown or on
     level: str  #: ok, warn or error
@@ -46,6 +47,7 @@ class DriverOutcome(NamedTuple):
 
 
 WARNINGS = (ControllerState.HALTED, ControllerState.HALTING)
+HALT = 'driver/halt was called'  # no other event halts the drives
 NO_PROBLEMS = NodeProblems()
 
 
@@ -82,10 +84,13 @@ def outcome_of(
         # the next step of a failed request may be done
         failure = problems.last_failure.partition(NEXT)[0]
         message = joined(f'{state.value}{following}', failure, slow)
+    cause = snapshot.cause or problems.forbidden
+    if not cause and state in WARNINGS:
+        cause = HALT
     return DriverOutcome(
         state.value,
         activity,
-        snapshot.cause,
+        cause,
         snapshot.next_step,
         snapshot.power,
         level,

@@ -122,7 +122,7 @@ NEXT_STEPS = {
     ControllerState.INACTIVE: 'activate',
     ControllerState.HALTED: 'clear_faults',
     ControllerState.ACTIVE: '',
-    ControllerState.CLOSED: '',
+    ControllerState.CLOSED: 'start the driver again',
 }
 
 

@@ -308,7 +308,8 @@ class DriverNode(ManagedNode):
         """Return the result for each drive and the component of bus and cycle."""
         problems = reply
         if isinstance(reply, ManipulatorError):
-            problems = {'self_test': str(reply)}
+            # the name precedes each problem in the report
+            problems = {'self_test': str(reply).removeprefix('self_test is ')}
         statuses = [
             diagnostic_status(
                 name,

@@ -57,7 +57,7 @@ def seconds(stamp: Any) -> float:
     if stamp.nanosec >= BILLION:
         raise InputError(
             'malformed',
-            f'stamp rejected: {stamp.nanosec} ns is not below the limit {BILLION} ns',
+            f'stamp is invalid: {stamp.nanosec} ns is not below the limit {BILLION} ns',
         )
     return stamp.sec + stamp.nanosec * 1e-9
 
