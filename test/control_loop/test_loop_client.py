@@ -222,12 +222,14 @@ def test_close_returns_the_last_answer_of_the_loop():
     closed = peer.node.snapshot()
     assert closed.state == ControllerState.CLOSED
     assert closed.causes == ()
-    assert closed.next_step == ''
+    assert closed.next_step == 'start the driver again'
     assert [message[0] for message in peer.taken()] == ['request', 'feed', 'close']
     ((timeout,),) = peer.process.wait.call_args_list[0][:1]
     assert not peer.process.kill.called
     assert timeout == pytest.approx(CLOSE_TIMEOUT, abs=1.0)
-    assert str(ask(peer.node, 'home').exception()) == 'the control loop is closed'
+    assert str(ask(peer.node, 'home').exception()) == (
+        'the control loop is closed; next: start the driver again'
+    )
 
 
 def test_close_feeds_the_loop_and_times_out(monkeypatch):
@@ -240,7 +242,7 @@ def test_close_feeds_the_loop_and_times_out(monkeypatch):
     closed = peer.node.snapshot()
     assert closed.state == ControllerState.CLOSED
     assert closed.causes == ()
-    assert closed.next_step == ''
+    assert closed.next_step == 'start the driver again'
     first, *feeds, last = [message[0] for message in peer.taken()]
     assert first == 'request'
     assert {*feeds} == {'feed'}
