@@ -33,6 +33,7 @@ from facade_manipulator.drives.snapshot import (
     Cause,
     ControllerSnapshot,
     ControllerState,
+    Remedy,
 )
 from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError
 from facade_manipulator.motion.follower import StreamStatus
@@ -314,6 +315,7 @@ class LoopClient:
             ControllerState.CLOSED,
             None,
             tuple(AxisSnapshot(one.name, one.node_id) for one in snapshot.axes),
+            next_step=Remedy.START_DRIVER,
         )
         if not self._is_closing:
             lost = lost._replace(

@@ -19,6 +19,7 @@ from facade_manipulator.drives.snapshot import (
     AxisSnapshot,
     ControllerSnapshot,
     ControllerState,
+    Remedy,
 )
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ NEXT_STEPS = {
     ControllerState.INACTIVE: 'activate',
     ControllerState.HALTED: 'clear_faults',
     ControllerState.ACTIVE: '',
-    ControllerState.CLOSED: 'start the driver again',
+    ControllerState.CLOSED: Remedy.START_DRIVER,
 }
 
 

@@ -78,6 +78,7 @@ class Remedy:
     TRACKING = 'check load, drive and controller.drive_lag of the carriage that lags'
     COMPUTER = 'end other programs on this computer'
     CONFIGURE = 'check its power and cable'
+    START_DRIVER = 'start the driver again'
     OTHER_MASTER = (
         'find the other master (a second driver, a configuration tool) and end it'
     )
