@@ -128,7 +128,7 @@ class CanBus:
                 self.sync_note = self.NO_KERNEL_SYNC
 
     def __str__(self) -> str:
-        hint = " (python-can's bus within one process: no drive outside is on it)"
+        hint = " (python-can's bus within one process: no real drive is on it)"
         return f'{self._bus.channel_info}{hint if self.is_virtual else ""}'
 
     def listen_to(self, wanted: tuple[int, ...]) -> None:

@@ -85,8 +85,8 @@ def check_link(channel: str, bitrate: int) -> None:
     elif deviation > BIT_RATE_TOLERANCE:
         problem = (
             f'runs at {actual} bit/s, {100.0 * deviation:.2g} % from {bitrate} bit/s, above the '
-            f'limit {100.0 * BIT_RATE_TOLERANCE:g} %: the clock of its adapter does not divide '
-            'into this bit rate; next: use another adapter or another bit rate'
+            f'limit {100.0 * BIT_RATE_TOLERANCE:g} %: the clock of its adapter cannot '
+            'generate this bit rate; next: use another adapter or another bit rate'
         )
     elif details.get('state') == 'BUS-OFF':
         problem = f'is bus-off; next: check wiring and bit rate, then {restart_command(channel)}'

@@ -93,8 +93,8 @@ class ControlLoop:
     MOST_STREAM_MESSAGES = 8  # messages of the stream that a turn handles
     READING_SHARE = 0.1  # of the period: a flood of the stream delays the step by less
     NOT_CLOSED = (
-        'the control loop does not end, the power of the drives is unknown; next: switch their '
-        'supply off'
+        'the control loop does not end, so that the power of the drives is unknown; next: switch '
+        'the supply of the drives off'
     )
 
     def __init__(

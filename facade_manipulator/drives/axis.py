@@ -53,7 +53,7 @@ class Axis:
     """
 
     ENCODER_REMEDY = (
-        'check whether the carriage was pushed, check the encoder and its cable'
+        'check whether the carriage was pushed, and check the encoder and its cable'
     )
 
     def __init__(

@@ -156,7 +156,7 @@ class AxisSettings:
         if not self.lower_limit <= self.home_position <= self.upper_limit:
             raise ParameterError(
                 f'home_position = {self.home_position:g} m is outside the stroke '
-                f'{self.lower_limit:g} m to {self.upper_limit:g} m; next: set a place inside'
+                f'{self.lower_limit:g} m to {self.upper_limit:g} m; next: set a position inside'
             )
 
     @property

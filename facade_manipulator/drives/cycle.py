@@ -136,7 +136,7 @@ class KernelSync:
         if overdue >= bound:
             causes.append(
                 Cause(
-                    f'the kernel sent no SYNC for {overdue} periods, the limit is {bound}',
+                    f'the kernel sent no SYNC for {overdue} periods (limit {bound})',
                     'check the interface and its driver',
                     configure_again=True,
                 )
@@ -145,8 +145,8 @@ class KernelSync:
         if surplus >= bound:
             causes.append(
                 Cause(
-                    'another master is on the bus, SYNC (080h) was received between ours '
-                    f'{surplus} times within {self.SURPLUS_WINDOW:g} s, the limit is {bound}',
+                    'another master is on the bus: SYNC (080h) was received between our SYNCs '
+                    f'{surplus} times within {self.SURPLUS_WINDOW:g} s (limit {bound})',
                     Remedy.OTHER_MASTER,
                 )
             )
@@ -309,9 +309,7 @@ class CycleCounter:
         late = self.late_in_a_row
         if late < bound:
             return []
-        message = (
-            f'the control loop was late {late} cycles in a row, the limit is {bound}'
-        )
+        message = f'the control loop was late {late} cycles in a row (limit {bound})'
         return [Cause(message, Remedy.COMPUTER)]
 
 

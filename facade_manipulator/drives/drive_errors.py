@@ -48,7 +48,7 @@ class DriveErrors:
             return None
         meaning = fault(code, self._meanings)
         if meaning.is_warning:
-            self.warning = f'it warns: {meaning.message}: {meaning.remedy}'
+            self.warning = f'it reports a warning: {meaning.message}: {meaning.remedy}'
             return None
         return self._receive(code, meaning)
 

@@ -132,7 +132,7 @@ class Encoder:
             failure = f'has jumped by {jump:.4g} m, above the limit {bound:.4g} m'
         elif self._slipped > self.MOST_SLIPPED:
             failure = (
-                f'has slipped by {self._slipped:.4g} m in all since homing, '
+                f'has slipped by {self._slipped:.4g} m in total since homing, '
                 f'above the limit {self.MOST_SLIPPED:g} m'
             )
         else:

@@ -116,7 +116,7 @@ class Feedback:
         was_remote = self._was_remote
         self._was_remote = was_remote or is_remote
         if not follows:
-            return 'does not follow its targets, bit 12 is 0'
+            return 'does not follow its targets (bit 12 is 0)'
         if was_remote and not is_remote:
-            return 'no longer takes controlwords from the bus, bit 9 is 0'
+            return 'no longer accepts controlwords from the bus (bit 9 is 0)'
         return ''

@@ -308,7 +308,7 @@ class Group:
         In a stop nothing is checked: its steps follow no targets and command no mode.
         """
         if self.follows and drive.statusword & Status.FOLLOWING_ERROR:
-            return 'is farther behind its target than the following-error window, bit 13 is 1'
+            return 'is farther behind its target than the following-error window (bit 13 is 1)'
         is_enabled = decode_state(drive.statusword) is State.OPERATION_ENABLED
         if self._has_shown_mode and is_enabled and not has_mode:
             return 'has left its mode of operation'
@@ -327,7 +327,9 @@ class Group:
             self.has_stopped or now > self._deadline
         ):
             self.not_responding.add(name)
-            remedy = 'switch the power of the drives off, check why they keep it'
+            remedy = (
+                'switch the supply of the drives off, and check why they keep power'
+            )
             self.stop(
                 Cause(failure, remedy, name, configure_again=True, is_vague=True), now
             )
@@ -344,7 +346,7 @@ class Group:
             )
         if is_settled and not self.is_settled:
             raise DriveStateError(
-                f'{request} is not possible yet, not every drive has confirmed that it is '
+                f'{request} is not possible yet: not every drive has confirmed that it is '
                 f'{self.state.value}; next: try again'
             )
 

@@ -116,7 +116,7 @@ class Homing:
             return ''
         return (
             f'{self._name}: homing ended {self._axis.to_metres(away):+.4g} m from the '
-            'configured home_position: check the homing method; where it is twice '
+            'configured home_position: check the homing method; if this is twice '
             'home_position, the drive takes 607Ch with the other sign (home_offset in its '
             'profile)'
         )
@@ -143,7 +143,7 @@ class Homing:
     def _failure(self, statusword: int) -> str:
         """Return the reason of the failure of a drive that reports no success, or ``''``."""
         if statusword & Status.HOMING_ERROR and self._has_settled:
-            failure = 'homing failed, the drive reports a homing error'
+            failure = 'homing failed: the drive reports a homing error'
         elif self._cycles > self._bounds.most_cycles:
             failure = f'homing took longer than {self._bounds.timeout:g} s'
             if statusword & self._OUTCOME == Status.HOMING_ATTAINED:

@@ -57,7 +57,7 @@ class OtherMasters:
             raise _in_use_error(name)
         if not commands_drives:
             return None
-        message = f'another master is on the bus, {name} was received'
+        message = f'another master is on the bus: {name} was received'
         return Cause(message, Remedy.OTHER_MASTER)
 
     def _receive_sdo_request(self, node: int, frame: Frame) -> Cause | None:

@@ -190,8 +190,8 @@ def _in_drive_units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
     if magnitude < unit:
         rounded_up = 1.01 * unit  # is above the unit also with three digits
         raise ParameterError(
-            f'axes.{name} = {magnitude:g} rejected: below {unit:.3g} it is less than one unit of '
-            'the drive, which may become 0 and mean no limit; '
+            f'axes.{name} = {magnitude:g} rejected: a value below {unit:.3g} is less than one '
+            'unit of the drive, and may become 0, which means no limit; '
             f'next: set at least {rounded_up:.3g}'
         )
     return round(magnitude / unit)
@@ -335,7 +335,7 @@ def _pdos(data: Any) -> tuple[Pdo, ...]:
         size = made.codec.size
         if size > pdo.MAX_SIZE:
             raise ValueError(
-                f'{name} has {size} bytes, above the limit of {pdo.MAX_SIZE} of a frame'
+                f'{name} has {size} bytes, above the limit of {pdo.MAX_SIZE} bytes in a frame'
             )
         pdos.append(made)
     return tuple(pdos)
@@ -361,7 +361,7 @@ def _require_objects(
     unknown = carried - possible
     if unknown:
         indices = ', '.join([f'{index:04X}h' for index in sorted(unknown)])
-        raise ValueError(f'{kind} carries {indices}, not known objects there')
+        raise ValueError(f'{kind} carries {indices}, which it cannot carry')
     for index in sorted(needed - carried):
         raise ValueError(
             f'no {kind} carries object {index:04X}, which every drive needs'

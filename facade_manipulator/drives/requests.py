@@ -96,14 +96,14 @@ def activate(controller: DriveController) -> Steps[str]:
         unhomed = controller.unhomed
         if unhomed:
             raise DriveStateError(
-                f'activate is not possible, {" and ".join(unhomed)} must be homed'
+                f'activate is not possible: {" and ".join(unhomed)} must be homed'
             )
         positions = positions_of(controller.axes)
         try:
             controller.targets.guard.check_targets(positions)
         except ManipulatorError as error:
             raise DriveStateError(
-                f'activate is not possible from here: {error.problem}; '
+                f'activate is not possible from these positions: {error.problem}; '
                 'next: move the carriages by hand'
             ) from error
     group.enable(controller.now)

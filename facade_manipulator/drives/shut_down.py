@@ -40,7 +40,7 @@ def cut_power_and_close(controller: DriveController) -> Steps[str]:
 
     reason = 'the drives do not answer'
     if bus.lost:
-        reason = f'the bus is lost, {bus.lost}'
+        reason = f'the bus is lost: {bus.lost}'
     controller.close_bus([axis for axis in controller.axes if axis not in unsure])
     if unsure:
         titles = ' and '.join(axis.title for axis in unsure)

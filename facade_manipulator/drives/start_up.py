@@ -38,7 +38,7 @@ def require_unused(
         hint = ''
         if IS_OPERATIONAL in used:
             hint = (
-                '; a drive that is operational again after that starts itself: set '
+                '; if a drive is operational again after that, it starts by itself: set '
                 'quirks.starts_itself in its profile'
             )
         raise DriveStateError(
@@ -91,7 +91,7 @@ def prepare(controller: DriveController, exchange: CyclicExchange) -> Steps[list
         if boot_ups > 1:
             raise DriveError(
                 f'{axis.title} sent {boot_ups} boot-up messages after one reset: more '
-                'than one drive has this node id (commission scan names them), or its power '
+                'than one drive has this node id (commission scan names them), or its supply '
                 'fails'
             ) from failure
     if failure is not None:
@@ -108,7 +108,7 @@ def _reset(controller: DriveController, exchange: CyclicExchange) -> Steps[None]
         lambda axis: axis.node.boot_ups > 0,
         max(controller.settings.boot_timeout, *boot_times),
         f'sent no boot-up message on {exchange.bus} after its reset: check its power, its '
-        'node id and the bit rate of the bus; if it boots longer, set quirks.boot_time in '
+        'node id and the bit rate of the bus; if it needs longer to boot, set quirks.boot_time in '
         'its profile',
     )
     controller.bus.command('PRE-OPERATIONAL', controller.axes)

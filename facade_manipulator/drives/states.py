@@ -147,4 +147,4 @@ def describe_state(statusword: int) -> str:
     nearest = min(STATUSWORDS, key=lambda one: difference(one).bit_count())
     bits = [bit for bit in range(16) if difference(nearest) >> bit & 1]
     changed = ' and '.join(f'bit {bit} = {1 - (statusword >> bit & 1)}' for bit in bits)
-    return f'no state of CiA 402 {number}, it would be {nearest.value} with {changed}'
+    return f'no state of CiA 402 {number}; it would be {nearest.value} with {changed}'

@@ -223,7 +223,7 @@ class TargetSupervisor:
                 not step <= self._largest_step + TARGET_ROUNDING
             ):  # also a step not finite
                 raise SetpointLimitError(
-                    f'step of the target of {name} in one cycle',
+                    f'target step of {name} in one cycle',
                     step,
                     self._largest_step,
                     'm',

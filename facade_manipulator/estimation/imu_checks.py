@@ -181,7 +181,7 @@ class YawComparison:
             )
         if self.DEGREES[0] < abs(ratio) < self.DEGREES[1]:
             return (
-                'the imu turns 57 times as far as the distances; next: publish turning rates '
+                'the imu turns 57 times as far as the distances show; next: publish angular rates '
                 'in rad/s, not in degrees per second'
             )
         return ''

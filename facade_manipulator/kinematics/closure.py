@@ -290,5 +290,5 @@ def _working_mode_error(projection1: float, projection2: float) -> UnreachableEr
         projection,
         0.0,
         'm',
-        'of another working mode, not above',
+        'in another working mode, because it is not above',
     )

@@ -209,5 +209,5 @@ def not_finite_error(values: Pose | Carriages) -> ParameterError:
                 f'{name} = {value} is not a finite number; next: send a number'
             )
     return ParameterError(
-        f'{tuple(values)} is beyond any machine; next: send metres and radians'
+        f'{tuple(values)} exceeds the size of any machine; next: send metres and radians'
     )

@@ -166,7 +166,7 @@ class DriverNode(ManagedNode):
         state = self._loop.snapshot().state
         if state is not ControllerState.ACTIVE:
             reason = (
-                f'setpoint rejected: {state_sentence(state.value)}, required is active'
+                f'setpoint rejected: {state_sentence(state.value)} and must be active'
             )
             error = InputError(state.value, self._outcome().with_next_step(reason))
             # ik_service receives the new state a moment after an ordinary deactivate
@@ -279,7 +279,7 @@ class DriverNode(ManagedNode):
         if fault := self._inputs.fault_of(topics.DRIVER_STATUS.name):
             raise DriveStateError(
                 f'{name} rejected: {fault}, and both drivers would follow the setpoints; next: '
-                f'end one of the two, or wait 20 s if one has crashed, then {name}'
+                f'end one of both drivers, or wait 20 s if a driver has crashed, then {name}'
             )
         if name == 'configure' and self._loop.snapshot().state is ControllerState.LOST:
             self._loop.start()

@@ -162,7 +162,7 @@ def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:
         before = '' if axis.state is None else f'; before: {_words(axis.state)}'
         return 'stale', f'silent: these values are old{before}'
     if axis.state in FAULTS:
-        return 'error', axis.error or 'in fault, the drive sent no error code'
+        return 'error', axis.error or 'in fault; the drive sent no error code'
     if axis.statusword is None:
         # While no SYNC is unanswered this is not a fault: diagnostic_aggregator reports a stale
         # component beside others as an error.

@@ -59,15 +59,15 @@ class PublisherWatch:
     PUBLISHER_CHECK_PERIOD = 0.5  # s; counting the publishers of a topic takes 6 us
     BOUND = 1  # publisher of a topic
     # Fast DDS keeps a killed node in the graph for its lease of 20 s
-    PUBLISHER_REMEDY = 'next: end one of the nodes, or wait 20 s if one has crashed'
+    PUBLISHER_REMEDY = 'next: end one of the nodes, or wait 20 s if a node has crashed'
     ANY_PUBLISHER = qos_profile_sensor_data  # compatible with every publisher
     NAMELESS = '_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_'  # until the name arrives
     # s: the middleware may report a publisher before the graph lists it
     GRAPH_DELAY = 5.0
     # words of the quality of service that a subscription requires, by the kind of its policy
     POLICIES = {
-        QoSPolicyKind.RELIABILITY: 'reliability is best effort, required is reliable',
-        QoSPolicyKind.DURABILITY: 'durability is volatile, required is transient local',
+        QoSPolicyKind.RELIABILITY: 'reliability is best effort and must be reliable',
+        QoSPolicyKind.DURABILITY: 'durability is volatile and must be transient local',
     }
 
     def __init__(

@@ -43,7 +43,7 @@ LOG_STEP = 'next: set ROS_LOG_DIR to a folder that you may write'
 
 FAILED, USAGE_ERROR = 1, 2  # exit statuses
 SIMULATED_TIME = (
-    'use_sim_time rejected: true, required is false, because a publisher of /clock '
+    'use_sim_time rejected: it is true and must be false, because a publisher of /clock '
     'could stop the supervision of the drives; next: remove use_sim_time'
 )
 
@@ -232,8 +232,8 @@ def _require_own_names(nodes: Sequence[BaseNode]) -> None:
     for node in nodes:
         if node.get_name() != node.own_name:
             raise ParameterError(
-                f'node name rejected: {node.get_name()}, required is {node.own_name}, which '
-                'topics, services and parameter files contain; next: replace the remapping of '
+                f'node name rejected: {node.get_name()}; topics, services and parameter files '
+                f'require the name {node.own_name}; next: replace the remapping of '
                 f'__node with a namespace, such as -r __ns:=/{node.get_name()}'
             )
 

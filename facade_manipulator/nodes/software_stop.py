@@ -125,8 +125,8 @@ class SoftwareStop:
         reason = self._silence(name, now)
         if topic.newest:
             reason = (
-                f'{name} is true, received {now - topic.received_at:.2f} s ago, '
-                'required is false'
+                f'{name} is true (received {now - topic.received_at:.2f} s ago) '
+                'and must be false'
             )
         return reason, reason and self.SEND_FALSE.format(name)
 

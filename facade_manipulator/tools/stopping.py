@@ -32,8 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         'parameters',
         type=Path,
         nargs='*',
-        help='parameter files, later files override (default manipulator.yaml); machine.yaml '
-        'beside the first file follows it',
+        help='parameter files; later files override earlier ones (default manipulator.yaml); a '
+        'machine.yaml in the folder of the first file is loaded after this file',
     )
     parser.add_argument(
         '--coasting',

@@ -275,8 +275,8 @@ class Demo:
         if run.low and self.duration >= self.scenario.mission.shown_after:
             raise ManipulatorError(
                 f'attenuation too low: {"; ".join(run.low)}; {as_text(counters)}, '
-                f'{self.scheduling}; next: end other programs and run it again, then read '
-                'the logs of the nodes'
+                f'{self.scheduling}; next: end other programs and repeat the demo; if it '
+                'fails again, read the logs of the nodes'
             )
 
     def keep_components(self, message: Any) -> None:
@@ -338,7 +338,7 @@ def main(args: list[str] | None = None) -> int:
         '--duration',
         type=above_zero,
         metavar='S',
-        help='duration of the strokes [s] (default: that of the scenario)',
+        help='duration of the strokes [s] (default: from the scenario)',
     )
     parser.add_argument(
         '--scenario',

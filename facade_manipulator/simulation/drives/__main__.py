@@ -170,8 +170,8 @@ def _parser() -> argparse.ArgumentParser:
         const=1,
         default=0,
         choices=(1, UNCONFIGURED),
-        help=f'factory state: all are node 1, or with {UNCONFIGURED} have no node id, until LSS '
-        'gives them one',
+        help=f'factory state: every drive is node 1; with {UNCONFIGURED}, no drive has a '
+        'node id until LSS assigns it',
     )
     of_axis = parameter_fields(AxisSettings)
     for name, setting in _OF_EACH_DRIVE.items():

@@ -138,8 +138,8 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         metavar='YAML',
         default=[],
-        help='parameter files, later files override (default manipulator.yaml); machine.yaml '
-        'beside the first file follows it',
+        help='parameter files; later files override earlier ones (default manipulator.yaml); a '
+        'machine.yaml in the folder of the first file is loaded after this file',
     )
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
 

@@ -90,7 +90,8 @@ def _columns(
     if unknown or wrong:
         raise CalibrationError(
             f'{path} rejected: column {(unknown + wrong)[0]} is '
-            f'{"unknown" if unknown else "missing or double"}; next: use {", ".join(names)} with '
-            f'one of the units {", ".join(filter(None, UNIT_SUFFIXES))}, and note_… for a remark'
+            f'{"unknown" if unknown else "missing or duplicate"}; next: use '
+            f'{", ".join(names)} with one of the units '
+            f'{", ".join(filter(None, UNIT_SUFFIXES))}, and note_… for a remark'
         )
     return {title: possible[title] for title in read}

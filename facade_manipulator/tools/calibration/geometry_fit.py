@@ -208,7 +208,7 @@ def fit_geometry(
         raise CalibrationError(
             'table rejected: somewhere in the workspace the head is known only to '
             f'{in_units(head_deviation)}; the poses do not determine {"; ".join(blind)}; next: '
-            'measure at those that calibrate poses prints, or state the real --noise'
+            'measure the poses that calibrate poses prints, or set --noise to the real noise'
         )
 
     found = values(scaled)

@@ -77,7 +77,7 @@ def _length(
         'type': length,
         'default': default,
         'metavar': unit,
-        'help': f'at most {most:g} (otherwise {default})',
+        'help': f'at most {most:g} (default {default})',
     }
 
 
@@ -88,8 +88,8 @@ def _common() -> argparse.ArgumentParser:
         '--parameters',
         type=Path,
         metavar='YAML',
-        help='parameter file of the machine (otherwise '
-        'manipulator.yaml, or the installed one); machine.yaml beside it gets the results',
+        help='parameter file of the machine (default '
+        'manipulator.yaml, or the installed one); machine.yaml in its folder receives the results',
     )
     common.add_argument(
         '--yes', action='store_true', help='answer yes to every question'
@@ -174,7 +174,7 @@ SUBCOMMANDS: dict[str, tuple[Callable[[Context], None], dict[str, dict[str, Any]
                 'default': 10,
                 'choices': range(1, 101),
                 'metavar': 'N',
-                'help': 'at most 100 (otherwise 10)',
+                'help': 'at most 100 (default 10)',
             },
         },
     ),

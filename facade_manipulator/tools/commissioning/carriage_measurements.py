@@ -26,7 +26,7 @@ def run_direction(context: Context) -> None:
     needed = abs(context.axes[name].to_counts(_PUSHED))
     context.agree(
         f'{name} stays without power, because its carriage is pushed by hand. '
-        f'{context.overlay.path} gets its direction.'
+        f'The direction is written to {context.overlay.path}.'
     )
     with context.drive(name) as (bus, drive):
 
@@ -54,7 +54,7 @@ def run_direction(context: Context) -> None:
     if counts * math.copysign(1, first) < needed:
         raise CommissioningError(
             f'push of {name} rejected: the carriage moved back, from {first:+d} to {counts:+d} '
-            f'counts, minimum {needed}; next: repeat, and leave the carriage where it is'
+            f'counts, minimum {needed}; next: repeat without moving the carriage back'
         )
     context.record(f'direction {name}', {f'{name}.direction': 1 if counts > 0 else -1})
 
@@ -125,7 +125,7 @@ def run_home_switch(context: Context) -> None:
         if _is_on(motion.turn()[name]):
             raise CommissioningError(
                 f'switch of {name} rejected: it is on at the start; next: '
-                'begin beside it, or invert its input in the drive'
+                'begin next to the switch, or invert its input in the drive'
             )
         edges = []
         _find_edge(motion, name, side * speed, True)
@@ -156,7 +156,7 @@ def run_home_switch(context: Context) -> None:
         print(
             f'! {name}: method {methods[0]} homes at an index pulse, at most '
             f'{MM * axis.lead / axis.gear_ratio:.1f} mm (a motor revolution) beside the edge; '
-            'next: after the first home, measure its place and correct home_position'
+            'next: after the first homing, measure the position and correct home_position'
         )
 
 
@@ -199,7 +199,7 @@ def run_lag(context: Context) -> None:
     errors = []
     with powered(
         context,
-        f'forth and back by {MM * _LAG_TRAVEL:g} mm',
+        f'back and forth by {MM * _LAG_TRAVEL:g} mm',
         _LAG_TRAVEL,
         max(_LAG_SPEEDS),
     ) as motion:

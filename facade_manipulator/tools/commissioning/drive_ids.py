@@ -87,9 +87,9 @@ def run_assign(context: Context) -> None:
         )
     shown = ', '.join(f'{name}: {node_id}' for name, node_id in node_ids.items())
     context.agree(
-        'All drives on this bus that support LSS lose their node id; each stores that '
-        f'of its carriage ({shown}). {context.overlay.path} gets serial numbers and '
-        'profile. No carriage moves.'
+        'All drives on this bus that support LSS lose their node id. Each drive stores the '
+        f'node id of its carriage ({shown}). Serial numbers and profile are written to '
+        f'{context.overlay.path}. No carriage moves.'
     )
     given: dict[str, Identity] = {}
     seen: set[Identity] = set()
@@ -106,7 +106,7 @@ def run_assign(context: Context) -> None:
             name = _axis_of(context, found) if _is_drive(bus, spare) else ''
             if name in given:
                 raise CommissioningError(
-                    f'{name} rejected: it has a drive already; next: answer with another carriage'
+                    f'{name} rejected: it already has a drive; next: answer with another carriage'
                 )
             if name:
                 _configure(bus, master, node_ids[name], found, is_stored=True)
@@ -124,8 +124,8 @@ def run_assign(context: Context) -> None:
     profile, *others = {fitting_profile(*one[:2]) for one in given.values()}
     if others:
         raise CommissioningError(
-            f'drives rejected: they are of the types {profile} and '
-            f'{" and ".join(others)}; next: use three of one type'
+            f'drives rejected: they have the types {profile} and '
+            f'{" and ".join(others)}; next: use three drives of the same type'
         )
     context.record(
         'assign',

@@ -39,8 +39,8 @@ Objects = dict[Key, ODVariable]
 def run_profile(context: Context) -> None:
     """Compare all drives with their profiles; fail if a drive differs."""
     context.agree(
-        'The objects of the profiles are written to the drives, read back, and undone '
-        'by a reset. Nothing is stored, nothing moves.'
+        'The objects of the profiles are written to the drives, read back, and restored '
+        'by a reset. Nothing is stored, and nothing moves.'
     )
     problems = []
     for name in [context.options.axis] if context.options.axis else AXIS_NAMES:
@@ -115,9 +115,7 @@ def run_backup(context: Context) -> None:
     dictionary.node_id = drive.node_id
     with atomic_write(path) as draft, draft.open('w', encoding='utf-8') as file:
         export_od(dictionary, file, 'dcf')
-    print(
-        f'{path} contains {len(values)} objects of {name}, those that {eds.name} names.'
-    )
+    print(f'{path} contains the {len(values)} objects of {name} that {eds.name} lists.')
     context.record(f'backup {name}', {})
 
 
@@ -173,8 +171,8 @@ def run_restore(context: Context) -> None:
             if key in objects
         ):
             raise CommissioningError(
-                f'{path} rejected: it is not a DCF of such a drive (1018h); '
-                'next: give a file of commission backup'
+                f'{path} rejected: it is not a DCF of this type of drive (1018h); '
+                'next: give a file that commission backup has written'
             )
         writes = []
         for key, value in present.items():
@@ -192,7 +190,7 @@ def run_restore(context: Context) -> None:
                 f'{write} {variable.value!s:>14} {present[write[:2]]!s:>14}  {variable.name}'
             )
         context.agree(
-            f'{name} gets the values of {path}, stores them (1010h) and is reset. '
+            f'{name} receives the values of {path}, stores them (1010h) and is reset. '
             'No carriage moves.'
         )
         context.state = _NOT_STORED.format(name)

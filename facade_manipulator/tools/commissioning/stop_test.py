@@ -40,7 +40,7 @@ POWER_OFF = 'power off'
 REMEDIES = {
     QUICK_STOP: 'check 6085h, 605Ah, load and supply voltage',
     SILENT_MASTER: 'check 1016h and 6007h',
-    POWER_OFF: 'give the deceleration below to stopping',
+    POWER_OFF: 'pass the deceleration below to stopping',
 }
 _STEADY = 5  # cycles at the speed before the stop
 
@@ -76,7 +76,7 @@ def run_stop_test(context: Context) -> None:
     coasting = math.inf
     for direction, way in zip((1, -1, 1), REMEDIES, strict=True):
         with powered(
-            context, f'forth and back and stopped by {way}', window, speed
+            context, f'back and forth, and stopped by {way}', window, speed
         ) as motion:
             track = _stopped(motion, direction * speed, way)
             bounds = _bounds(motion, track, way)
@@ -90,7 +90,7 @@ def run_stop_test(context: Context) -> None:
             is_late = distance > bounds[number]
             if is_late or (track.follows[number] and way == SILENT_MASTER):
                 problems.append(
-                    f'{name}: {way} does not stop it in time; next: {REMEDIES[way]}'
+                    f'{name}: {way} does not stop the carriage in time; next: {REMEDIES[way]}'
                 )
             if (
                 way == SILENT_MASTER
@@ -127,8 +127,8 @@ def _weakness(name: str, measured: Deceleration, configured: float) -> Iterator[
     elif measured.least < least:
         yield (
             f'{name}: {QUICK_STOP} decelerates with {measured}, and its minimum is below '
-            f'{least:g} m/s^2, {_LEAST_SHARE:g} of axes.stop_deceleration: this is not known '
-            'closely enough; next: repeat with commission stop-test --speed 300'
+            f'{least:g} m/s^2, {_LEAST_SHARE:g} of axes.stop_deceleration: the measurement is '
+            'not accurate enough; next: repeat with commission stop-test --speed 300'
         )
 
 
