@@ -149,8 +149,8 @@ def test_warning_stops_nothing_until_the_drive_faults():
     axis = made(errors={0x43F0: Fault('it is warm', 'let it cool', is_warning=True)})
     assert emergency(0x43F0)(axis) is None
     warned = axis.snapshot(None, T)
-    _, _, warning = warned.warning.partition(': ')
-    assert warning == 'it is warm (error code 43F0h): let it cool'
+    expected = 'it reports a warning: it is warm (error code 43F0h): let it cool'
+    assert warned.warning == expected
     assert warned.error_code == 0
     assert error_code(FAULTY, 0x43F0)(axis).message.startswith(
         'q1 (node 1): it is warm'

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import re
 
 from bus_world import (
     at_rest,
@@ -221,8 +220,7 @@ def test_master_that_starts_later_stops_all_and_is_named(rig, situation, name):
     SITUATIONS[situation](rig)
     rig.forge(*FRAMES[name])
     rig.until_stopped()
-    words = f'{re.escape(name)} was received'
-    assert re.search(f'another master is on the bus[,:] {words}', rig.all_causes)
+    assert f'another master is on the bus: {name} was received' in rig.all_causes
     rig.request('clear_faults')
 
 
@@ -303,8 +301,7 @@ def test_foreign_sync_beside_the_kernel_stops_within_a_second(make_rig, period, 
     at_rest(rig)
     forge_syncs(rig, period, (cob_ids.SYNC, data))
     rig.until(lambda: rig.state is ControllerState.STOPPED, 1.0)
-    words = r'SYNC \(080h\) was received'
-    assert re.search(f'another master is on the bus[,:] {words}', rig.all_causes)
+    assert 'another master is on the bus: SYNC (080h) was received' in rig.all_causes
 
 
 def test_unmarked_sync_is_foreign_where_ours_is_marked(make_rig):
@@ -347,8 +344,7 @@ def test_cleanup_with_lost_bus_names_drives_not_confirmed_off(rig, cycles):
     rig.bus_error = BusError('can0 is down')
     rig.until(job.done)
     message = str(job.exception())
-    assert 'q3 (node 3) is not confirmed off: the bus is lost' in message
-    assert 'can0 is down' in message
+    assert 'q3 (node 3) is not confirmed off: the bus is lost: can0 is down' in message
     assert rig.state is ControllerState.UNCONFIGURED
 
 
@@ -414,8 +410,7 @@ def test_sdo_write_of_another_master_stops_all(rig, situation, write):
     SITUATIONS[situation](rig)
     rig.forge(0x602, write + bytes(4))
     rig.until_stopped()
-    words = 'an SDO write to node 2'
-    assert re.search(f'another master is on the bus[,:] {words}', rig.all_causes)
+    assert 'another master is on the bus: an SDO write to node 2' in rig.all_causes
 
 
 def test_object_changed_by_another_master_needs_configure(rig):

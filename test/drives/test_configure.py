@@ -37,7 +37,7 @@ def test_drive_with_other_identity_is_rejected(make_rig):
     assert not rig.snapshot.notes
     rig.request('cleanup')
     rig.drives[0].set_identity(0, 0, 0, 102)
-    with pytest.raises(DriveError, match='the drive of q2[,:] the axes are swapped'):
+    with pytest.raises(DriveError, match='the drive of q2: the axes are swapped'):
         rig.request('configure')
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-import re
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -146,9 +145,9 @@ def overdue(clock, number):
 @pytest.mark.parametrize(
     ('happen', 'message', 'is_powered'),
     [
-        (late, 'the control loop was late', True),
+        (late, 'the control loop was late 3 cycles in a row (limit 3)', True),
         (late, None, False),
-        (overdue, 'the kernel sent no SYNC for 3 periods', False),
+        (overdue, 'the kernel sent no SYNC for 3 periods (limit 3)', False),
     ],
 )
 def test_three_late_or_overdue_syncs_stop_drives(happen, message, is_powered):
@@ -182,9 +181,8 @@ def test_foreign_sync_of_any_period_is_found(period, phase, start):
     assert receive_syncs(clock, before) == []
     during = [time for time in kernel if start <= time < start + 1.0]
     (message,) = receive_syncs(clock, [*during, *foreign])
-    assert re.match(
-        r'another master is on the bus[,:] SYNC \(080h\) was received between our',
-        message,
+    assert message.startswith(
+        'another master is on the bus: SYNC (080h) was received between our SYNCs '
     )
 
 

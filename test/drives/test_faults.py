@@ -102,7 +102,7 @@ FAULTS = {
     'another drive': restart(drive(lambda one: one.set_identity(0, 0, 0, 7))),
     'deaf to RPDO': Fault(drive(deaf_to_rpdo), 'q2', CONFIGURE, {'active in motion'}),
     'targets ignored': Fault(
-        drive(ignore_targets), 'does not follow its targets', shows=ACTIVE
+        drive(ignore_targets), 'does not follow its targets (bit 12 is 0)', shows=ACTIVE
     ),
     # its heartbeat and its silence are noticed in either order
     'NMT stop': Fault(lambda rig: rig.forge(0, b'\x02\x02'), 'q2', 'activate'),

@@ -80,7 +80,7 @@ def test_no_statusword_has_two_states():
 
 def test_statusword_without_state_is_described_by_its_wrong_bits():
     assert re.fullmatch(
-        r'no state of CiA 402 \(statusword 0267h\)[,;] '
+        r'no state of CiA 402 \(statusword 0267h\); '
         'it would be operation enabled with bit 6 = 0',
         describe_state(0x0267),
     )

@@ -227,8 +227,12 @@ def test_warning_leaves_the_next_step_of_each_state(state, failure, share):
     [
         ({}, 'ok', 'operation enabled'),
         ({'homed': False}, 'ok', 'operation enabled, not homed'),
-        ({'warning': 'it warns: warm'}, 'warn', 'operation enabled; it warns: warm'),
-        ({'statusword': 0x0008}, 'error', 'the drive sent no error code'),
+        (
+            {'warning': 'it reports a warning: warm'},
+            'warn',
+            'operation enabled; it reports a warning: warm',
+        ),
+        ({'statusword': 0x0008}, 'error', 'in fault; the drive sent no error code'),
         ({'statusword': 0x0008, 'error': 'following error (8611h)'}, 'error', '8611h'),
         # diagnostic_aggregator reports a stale component beside others as an error
         ({'statusword': None}, 'ok', 'no frame received yet'),

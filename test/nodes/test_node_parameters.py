@@ -215,7 +215,7 @@ def test_shipped_parameter_file_starts_every_node(ros, name):
         (
             'ik_service',
             'use_sim_time:=true',
-            'use_sim_time rejected: ',
+            'use_sim_time rejected: it is true and must be false',
         ),
         ('ik_service', '/nowhere.yaml', 'nowhere.yaml'),
     ],

@@ -48,14 +48,11 @@ def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros, topic):
         lambda: inputs.diagnostics.rejections()['rejected'] == 3, 'three rejections'
     )
     fault = (
-        re.escape(
-            f'{NAME} has 2 publishers (/driver, /foreign), above the limit 1; '
-            'next: end one of the nodes, or wait 20 s if '
-        )
-        + '(one|a node) has crashed'
+        f'{NAME} has 2 publishers (/driver, /foreign), above the limit 1; '
+        'next: end one of the nodes, or wait 20 s if a node has crashed'
     )
-    ros.until(lambda: re.fullmatch(fault, inputs.watch.fault), 'both names')
-    with pytest.raises(InputError, match=fault):
+    ros.until(lambda: inputs.watch.fault == fault, 'both names')
+    with pytest.raises(InputError, match=re.escape(fault)):
         inputs.watch.require_sole(NAME)
     foreign.destroy_publisher(theirs)
     ros.until(lambda: not inputs.watch.fault, 'one publisher')
@@ -70,12 +67,12 @@ def test_messages_of_two_publishers_are_rejected_until_one_leaves(ros, topic):
         (
             JOINT_STATES,
             SENSOR,
-            'reliability is best effort(, required is| and must be) reliable',
+            'reliability is best effort and must be reliable',
         ),
         (
             topics.DRIVER_STATUS,
             topics.NEWEST,
-            'durability is volatile(, required is| and must be) transient local',
+            'durability is volatile and must be transient local',
         ),
     ],
 )
@@ -87,10 +84,10 @@ def test_incompatible_publisher_is_reported_until_it_leaves(ros, topic, qos, wor
     made = driver.create_publisher(*topic._replace(qos=qos))
     ros.until(lambda: inputs.diagnostics.last_rejection, 'the rejection')
     fault = f'{topic.name} has an incompatible publisher: its {words}'
-    assert re.match(f'{fault}; next: correct', inputs.diagnostics.last_rejection)
+    assert inputs.diagnostics.last_rejection.startswith(f'{fault}; next: correct')
     for _ in range(3):
         inputs.watch.look()
-        assert re.fullmatch(fault, inputs.watch.fault_of(topic.name))
+        assert inputs.watch.fault_of(topic.name) == fault
     changes = len(inputs.changes)
     driver.destroy_publisher(made)
     ros.until(lambda: not inputs.watch.fault_of(topic.name), 'the end of the fault')

@@ -321,7 +321,10 @@ def test_renamed_node_does_not_start(handlers, ros_domain, capfd, names):
         lambda: [NODES[name]() for name in names], ['--ros-args', '-r', '__node:=other']
     )
     assert status == 2
-    assert 'could not start: node name rejected: other' in capfd.readouterr().err
+    assert (
+        'could not start: node name rejected: other; topics, services and parameter files '
+        f'require the name {names[0]}; next: '
+    ) in capfd.readouterr().err
 
 
 @pytest.mark.parametrize('name', NODES)
