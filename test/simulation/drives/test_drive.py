@@ -79,6 +79,7 @@ def test_sdo_transfers_have_the_bytes_of_cia_301():
     'index, subindex, value, code',
     [
         (0x605A, 0, 9, 0x06090031),
+        (0x605A, 0, 1, 0x06090030),
         (0x6007, 0, -1, 0x06090032),
         (0x6098, 0, 5, 0x06090030),
         (0x6060, 0, 3, 0x06090030),

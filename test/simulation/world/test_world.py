@@ -72,6 +72,16 @@ def test_same_seed_repeats_each_scenario_bit_by_bit(name):
     assert seen(name, 3) == seen(name, 3)
 
 
+def test_raw_readings_arrive_after_their_latency():
+    received = set()
+    for world in run(World(load_scenario('sensors'), GEOMETRY, START), 0.5):
+        for reading in world.raw_sensors.receive(world.time):
+            _, latency = sensors.RAW_SENSORS[reading.sensor]
+            assert world.time >= reading.stamp + latency - 1e-9
+            received.add(reading.sensor)
+    assert received == sensors.RAW_SENSORS.keys()
+
+
 def test_another_seed_gives_other_wind_and_noise():
     rails, estimates, *_ = seen('gusts', 1)
     other_rails, other_estimates, *_ = seen('gusts', 2)
