@@ -63,9 +63,7 @@ def page() -> str:
     """Return the page with the table of the parameters that the nodes declare."""
     from nodes.node_rig import NODES
 
-    rows = rows_of(
-        {name: make for name, make in NODES.items() if name != 'gondola_simulator'}
-    )
+    rows = rows_of(NODES)
     written = PAGE.read_text().partition(HEAD)[0]
     return written + HEAD + ''.join(f'| {" | ".join(row)} |\n' for row in rows)
 
