@@ -118,6 +118,12 @@ def test_close_while_configuring_ends_at_once(rig):
     assert 'closed' in rig.rejection('configure')
 
 
+def test_reply_to_close_requests_no_new_start(rig):
+    reply = rig.request('close')
+    assert rig.snapshot.next_step == 'start the driver again'
+    assert 'next: ' not in reply
+
+
 def test_halt_does_not_cancel_close(rig):
     in_motion(rig)
     job = rig.ask('close')
