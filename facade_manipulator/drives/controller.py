@@ -302,6 +302,8 @@ class DriveController:
 
     def _explained(self, message: str) -> str:
         """Return a reply with the present power state and next step added."""
+        if self.is_closed:  # the process ends, which an operator may have requested
+            return message.rstrip('.')
         outcome = outcome_of(self.snapshot())
         power = f'power: {outcome.power}' if self.bus.is_configured else ''
         return outcome.with_next_step(message.rstrip('.'), power)
