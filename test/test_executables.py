@@ -271,8 +271,10 @@ GRAPHICS = ('MUJOCO_GL', 'PYOPENGL_PLATFORM', 'MPLBACKEND', 'QT_QPA_PLATFORM')
     'values',
     [
         ('egl', 'egl', 'TkAgg', 'xcb'),
-        ('osmesa', 'osmesa', 'of_mine', 'of_mine'),
-        ('glfw', 'of_mine', 'TkAgg', 'of_mine'),
+        pytest.param(
+            ('osmesa', 'osmesa', 'of_mine', 'of_mine'), marks=pytest.mark.long
+        ),
+        pytest.param(('glfw', 'of_mine', 'TkAgg', 'of_mine'), marks=pytest.mark.long),
         ('of_mine', 'of_mine', 'of_mine', 'of_mine'),
     ],
 )

@@ -11,6 +11,8 @@ import pytest
 
 from facade_manipulator.drives.snapshot import ControllerState
 
+pytestmark = pytest.mark.long
+
 AT_REST = 1e-5  # m, by which a carriage that holds its position may move
 ANSWER_BOUND = 20.0  # s, of a request that fails
 REQUESTS = ('clear_faults', 'activate', 'home')

@@ -249,6 +249,7 @@ def test_slip_after_the_axis_is_homed_stops_homing(make_rig, methods, cycles):
     assert 'q1' in rig.snapshot.unhomed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('speed', [0.1, 0.5])
 @pytest.mark.parametrize('method', [37, 17, 1, -4])
 def test_ordinary_homing_is_no_slip(make_rig, method, speed):
