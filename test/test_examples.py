@@ -50,6 +50,7 @@ class Operator:
             self.answers += 1
             self.process.stdin.write('\n')
             self.process.stdin.flush()
+        time.sleep(0.05)  # a loop without a pause would need a whole processor
 
     def confirm_until(self, words: str) -> None:
         """Press Enter at each question until words are in the output."""
