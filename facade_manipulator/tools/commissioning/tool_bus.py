@@ -35,8 +35,8 @@ class ToolBus:
     _SYNC = cob_ids.frames_of_masters(())[cob_ids.SYNC][0]
     _MASTER_REMEDY = 'end the driver or the other tool'
     _SYNC_REMEDY = (
-        f'{_MASTER_REMEDY}; without another master, a drive sends SYNC: clear bit 30 of its 1005h '
-        'with the tool of its maker'
+        f'{_MASTER_REMEDY}; without another master, a drive sends SYNC itself: clear bit 30 of '
+        'its 1005h with the tool of its maker'
     )
 
     def __init__(self, frames: CanBus, clock: Clock) -> None:
