@@ -38,7 +38,7 @@ def require_unused(
         hint = ''
         if IS_OPERATIONAL in used:
             hint = (
-                '; if a drive is operational again after that, it starts by itself: set '
+                '; if a drive is operational again after that, it starts itself: set '
                 'quirks.starts_itself in its profile'
             )
         raise DriveStateError(
