@@ -17,6 +17,7 @@ from facade_manipulator.kinematics import (
 )
 from facade_manipulator.kinematics.links import (
     branch_number,
+    Links,
     links,
     squared_index,
     x_interval,
@@ -118,7 +119,8 @@ class WorkspaceLimit:
         y = soft_clamp(pose.y, *self._span_y, self.Y_KNEE)
         yaw = self._greatest_yaw(y)
         theta = soft_clamp(pose.theta, -yaw, yaw, self.YAW_KNEE)
-        x = soft_clamp(pose.x, *self._x_interval(y, theta), self.KNEE)
+        x_limits = self._x_interval(self._links(y, theta))
+        x = soft_clamp(pose.x, *x_limits, self.KNEE)
         return Saturated(
             Pose(x, y, theta), Pose(pose.x - x, pose.y - y, pose.theta - theta)
         )
@@ -166,20 +168,23 @@ class WorkspaceLimit:
 
     def _is_usable(self, y: float, theta: float) -> bool:
         """Return whether conditioning and stroke permit a pose (y, θ) [m, rad] for some x."""
-        lowest, highest = self._x_interval(y, theta)
+        at = self._links(y, theta)
+        lowest, highest = self._x_interval(at)
         if lowest > highest:
             return False
-        at = links(self._mechanism.sides, y, theta, root=_root_or_zero)
         ratio1, ratio2 = self._ratios
         if branch_number(at, ratio1, ratio2) <= 0.0:
             return False
         return squared_index(at, ratio1, ratio2) >= self._min_conditioning**2
 
-    def _x_interval(self, y: float, theta: float) -> tuple[float, float]:
-        """Return the x-interval [m] at (y, θ), which the stroke of the outer carriages limits."""
-        sides = self._mechanism.sides
-        _, cosine, _, _, s1, s2 = links(sides, y, theta, root=_root_or_zero)
-        return x_interval(sides, self._stroke, cosine, s1, s2)
+    def _links(self, y: float, theta: float) -> Links:
+        """Return the terms of `kinematics.links` at (y, θ) [m, rad]; s1, s2 are 0 out of reach."""
+        return links(self._mechanism.sides, y, theta, root=_root_or_zero)
+
+    def _x_interval(self, at: Links) -> tuple[float, float]:
+        """Return the x-interval [m] at these links, which the stroke of the carriages limits."""
+        _, cosine, _, _, s1, s2 = at
+        return x_interval(self._mechanism.sides, self._stroke, cosine, s1, s2)
 
 
 def _root_or_zero(square: float) -> float:
