@@ -176,9 +176,8 @@ def _poll_of(end: socket.socket) -> select.poll:
 
 def _receive(end: socket.socket, poll: select.poll) -> bytes | None:
     """Return a waiting message; None without a message, ``b''`` if the other end is closed."""
-    if not poll.poll(
-        0
-    ):  # the exception of an empty socket would take 4 us, this takes 1 us
+    # the exception of an empty socket would take 4 us, this takes 1 us
+    if not poll.poll(0):
         return None
     try:
         return _message(end)
