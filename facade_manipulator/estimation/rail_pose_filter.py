@@ -184,7 +184,7 @@ class DisturbanceEstimator:
 
     def advance(self, now: float) -> RailMotion | None:
         """
-        Return the newest motion of the rail; None before the first start, or after a fault.
+        Return the motion of the rail at the newest step, which may be before `now`.
 
         None while no axis is known, or after a fault.
         """
