@@ -19,7 +19,14 @@ from facade_manipulator.errors import LimitError, ManipulatorError
 from facade_manipulator.kinematics import compose, Geometry, Pose, relative
 from facade_manipulator.kinematics.planar import millimetres, POSE_AXES
 from facade_manipulator.simulation.world.scenario import Scenario
-from facade_manipulator.study.drawing import BLUE, draw_mechanism, figure, GREY, label
+from facade_manipulator.study.drawing import (
+    BLUE,
+    draw_mechanism,
+    figure,
+    GHOST,
+    GREY,
+    label,
+)
 
 RATE = 100  # Hz, of the samples
 PINK = '#CC79A7'
@@ -248,7 +255,6 @@ def linkage(run: Run) -> list[Image.Image]:
 
 
 TRAIL = 3.0  # s, of a path in the animation
-PALE_OPACITY = 0.25  # opacity of the mechanism without compensation
 # m, as drawn; as in config/gondola.xml the pose of the head is that of the tips of its brush
 BRUSH_DEPTH = 0.06
 BRUSH_WIDTH = 0.3
@@ -277,7 +283,7 @@ def draw_moment(panel: Axes, run: Run, now: int) -> None:
         color='#b3dfd2',
         label='brush',
     )
-    for pose, opacity in (without, PALE_OPACITY), (head, 1.0):
+    for pose, opacity in (without, GHOST), (head, 1.0):
         with suppress(LimitError):  # an interpolated head may be out of reach
             draw_mechanism(
                 panel, Geometry(), relative(rail, pose), alpha=opacity, rail=rail

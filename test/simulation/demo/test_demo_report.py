@@ -69,7 +69,7 @@ def test_animation_draws_the_mechanism_with_and_without_compensation(panel):
     demo_report.draw_moment(panel, made, 100)
     starts = np.array([line.get_xydata()[0] for line in panel.lines])
     opacities = [line.get_alpha() for line in panel.lines]
-    for path, opacity in zip(made.paths, (demo_report.PALE_OPACITY, 1.0), strict=False):
+    for path, opacity in zip(made.paths, (demo_report.GHOST, 1.0), strict=False):
         distances = np.linalg.norm(starts - 1e3 * path[100, :2], axis=1)
         assert distances.min() == pytest.approx(0.0, abs=0.1)
         assert opacity in opacities
