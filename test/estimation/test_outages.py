@@ -6,7 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from sensor_record import replace, SETUP, START
+from sensor_record import (
+    FIX_NOISE,
+    IMU_STEP,
+    ImuAtRest,
+    RANGE_NOISE,
+    replace,
+    SETUP,
+    START,
+)
 
 from facade_manipulator.estimation.estimator_settings import PoseFixSettings
 from facade_manipulator.estimation.rail_pose_filter import (
@@ -15,11 +23,6 @@ from facade_manipulator.estimation.rail_pose_filter import (
 )
 from facade_manipulator.kinematics import GRAVITY, Pose
 
-STEP = 0.005  # s, of the IMU
-RATE_NOISE = SETUP.imu.gyroscope_noise / math.sqrt(STEP)  # rad/s
-FORCE_NOISE = SETUP.imu.accelerometer_noise / math.sqrt(STEP)  # m/s²
-RANGE_NOISE = 2e-4  # m
-FIX_NOISE = 3e-4  # m
 RANGE_STEPS = 2  # between two distances
 FIX_STEPS = 6  # between two fixes
 LOSS = 8.0  # s, begin of the outages
@@ -51,14 +54,12 @@ class Sensors:
         """Run the estimator for a time [s]."""
         random = np.random.default_rng(self.seed)
         estimator = DisturbanceEstimator(SETUP)
-        rate_bias = 1e-3 * random.standard_normal(3)  # rad/s
-        force_bias = 0.02 * random.standard_normal(3) + (0.0, 0.0, GRAVITY)  # m/s²
-        for number in range(round(duration / STEP)):
-            time = number * STEP
+        imu = ImuAtRest(random)
+        for number in range(round(duration / IMU_STEP)):
+            time = number * IMU_STEP
             now = START + time
             if time < self.imu_end:
-                rates = rate_bias + RATE_NOISE * random.standard_normal(3)
-                forces = force_bias + FORCE_NOISE * random.standard_normal(3)
+                rates, forces = imu.measure()
                 estimator.add_imu(now, now, rates, forces)
             if number % FIX_STEPS == 0 and self.is_mark_seen(time):
                 place = self.mark(time) + FIX_NOISE * random.standard_normal()
@@ -205,9 +206,9 @@ def test_step_of_a_slow_sensor_becomes_a_level(rate):
     setup = replace(SETUP, distances={}, fixes={}, poses={'camera': sensor})
     estimator = DisturbanceEstimator(setup)
     random = np.random.default_rng(1)
-    period = round(1.0 / (rate * STEP))
-    for number in range(round((LOSS + 4.0) / STEP)):
-        now = START + number * STEP
+    period = round(1.0 / (rate * IMU_STEP))
+    for number in range(round((LOSS + 4.0) / IMU_STEP)):
+        now = START + number * IMU_STEP
         estimator.add_imu(now, now, (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY))
         if number % period == 0:
             for axis, noise in zip(Pose._fields, sensor.noise, strict=True):

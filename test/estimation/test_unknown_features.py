@@ -6,7 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from sensor_record import replace, SETUP, START
+from sensor_record import (
+    FIX_NOISE,
+    IMU_STEP,
+    ImuAtRest,
+    RANGE_NOISE,
+    replace,
+    SETUP,
+    START,
+)
 
 from facade_manipulator.estimation.estimator_settings import (
     EstimatorSetup,
@@ -17,13 +25,7 @@ from facade_manipulator.estimation.rail_pose_filter import (
     DisturbanceEstimator,
     RailMotion,
 )
-from facade_manipulator.kinematics import GRAVITY
 
-STEP = 0.005  # s, of the IMU
-RATE_NOISE = SETUP.imu.gyroscope_noise / math.sqrt(STEP)  # rad/s
-FORCE_NOISE = SETUP.imu.accelerometer_noise / math.sqrt(STEP)  # m/s²
-RANGE_NOISE = 2e-4  # m
-FIX_NOISE = 3e-4  # m
 POSE_NOISE = 1e-3  # m
 WALL_STEPS = 2  # between two distances, and between two estimates
 X_STEPS = 6  # between two measurements of x
@@ -94,15 +96,13 @@ class Rail:
     def run(self, duration: float) -> None:
         """Run the estimator for a time [s]."""
         random = np.random.default_rng(1)
-        rate_bias = 1e-3 * random.standard_normal(3)  # rad/s
-        force_bias = 0.02 * random.standard_normal(3) + (0.0, 0.0, GRAVITY)  # m/s²
-        for number in range(round(duration / STEP)):
-            time = number * STEP
+        imu = ImuAtRest(random)
+        for number in range(round(duration / IMU_STEP)):
+            time = number * IMU_STEP
             now = START + time
             x, acceleration = self.motion(time)
             if self.has_imu:
-                rates = rate_bias + RATE_NOISE * random.standard_normal(3)
-                forces = force_bias + FORCE_NOISE * random.standard_normal(3)
+                rates, forces = imu.measure()
                 forces[0] += acceleration
                 self.estimator.add_imu(now, now, rates, forces)
             if number % X_STEPS == 0:

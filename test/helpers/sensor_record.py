@@ -22,7 +22,7 @@ from facade_manipulator.estimation.rail_pose_filter import (
     DisturbanceEstimator,
     RailMotion,
 )
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics import Geometry, GRAVITY, Pose
 from facade_manipulator.simulation.world.scenario import Gondola, Motion, Scenario, Wind
 from facade_manipulator.simulation.world.sensors import Measurement
 from facade_manipulator.simulation.world.world import World
@@ -50,6 +50,29 @@ GUSTS = Scenario(
 Spoil = Callable[
     [float, Measurement], Iterable[Measurement]
 ]  #: of the time since `START` [s]
+
+
+IMU_STEP = 0.005  # s
+RANGE_NOISE = 2e-4  # m, of the distances of a rail at rest
+FIX_NOISE = 3e-4  # m, of the fixes of a rail at rest
+
+
+class ImuAtRest:
+    """IMU of a rail at rest, with constant biases and the noise of `SETUP`."""
+
+    RATE_NOISE = SETUP.imu.gyroscope_noise / math.sqrt(IMU_STEP)  # rad/s
+    FORCE_NOISE = SETUP.imu.accelerometer_noise / math.sqrt(IMU_STEP)  # m/s²
+
+    def __init__(self, random: np.random.Generator) -> None:
+        self._random = random
+        self._rate_bias = 1e-3 * random.standard_normal(3)  # rad/s
+        self._force_bias = 0.02 * random.standard_normal(3) + (0.0, 0.0, GRAVITY)
+
+    def measure(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return turning rates [rad/s] and specific forces [m/s²] of the next step."""
+        rates = self._rate_bias + self.RATE_NOISE * self._random.standard_normal(3)
+        forces = self._force_bias + self.FORCE_NOISE * self._random.standard_normal(3)
+        return rates, forces
 
 
 @dataclass
