@@ -197,6 +197,8 @@ class Correction:
         # stamp of the estimate since which each axis is known [s]: infinity while it is unknown;
         # an axis that is known in the first estimate is usable at once
         self._known_since = [-math.inf] * len(self.usable)
+        # axes that at least one estimate has measured
+        self._measured = [False] * len(self.usable)
         #: velocity of the correction by its fades, without a motion of the rail [m/s, m/s, rad/s]
         self.fading = ZERO_TWIST
         # time of the newest correction [s], None before the first
@@ -252,6 +254,7 @@ class Correction:
                 self._known_since[axis] = math.inf
             elif self._known_since[axis] > stamp:
                 self._known_since[axis] = stamp
+            self._measured[axis] = self._measured[axis] or is_known
             usable.append(stamp - self._known_since[axis] >= self.SETTLING_TIME)
 
         if tuple(usable) != self.usable:
@@ -261,7 +264,9 @@ class Correction:
         """
         Use the present disturbance as the nominal pose, and return it [m, m, rad].
 
-        Raises a ManipulatorError if there is no fresh estimate, or if an axis is not usable.
+        An axis that no estimate has ever measured keeps its nominal value. Raises a
+        ManipulatorError if there is no fresh estimate, if no axis is measured, or if an axis that
+        was measured before is not usable.
         """
         if self.age(now) > ESTIMATOR_SILENCE:
             newest = 'no estimate was received yet'
@@ -273,11 +278,21 @@ class Correction:
             raise ManipulatorError(
                 f'tare rejected: {newest}: {self.silence_cause(now)}'
             )
-        if unmeasured := self.unmeasured_axes():
-            raise ManipulatorError(f'tare rejected: {unmeasured}')
-        nominal = self.predictor.predict(now).position
-        self._change(nominal=nominal)
-        return nominal
+        if not any(self.usable) or self._has_lost_axis:
+            raise ManipulatorError(f'tare rejected: {self.unmeasured_axes()}')
+
+        nominal = list(self.nominal)
+        for axis, present in enumerate(self.predictor.predict(now).position):
+            if self._measured[axis]:
+                nominal[axis] = present
+        self._change(nominal=Pose(*nominal))
+        return self.nominal
+
+    @property
+    def _has_lost_axis(self) -> bool:
+        """Return whether an axis that was measured before is not usable."""
+        axes = zip(self._measured, self.usable, strict=True)
+        return any(was_measured and not is_usable for was_measured, is_usable in axes)
 
     def at(self, now: float, time: float) -> MotionState:
         """

@@ -120,6 +120,10 @@ class GoalTracker:
     LEAVING = 2.0  # times the tolerance: a larger error leaves a reached goal
     # s after its path, in which the head reaches a goal if nothing holds it back
     ARRIVAL_TIME = 1.0
+    LATE = (
+        f'the head is not at its goal {ARRIVAL_TIME:g} s after the end of its path; '
+        'next: check /diagnostics'
+    )
     NO_GOAL = 'no goal was received; next: send goal_pose'
     NEWER_GOAL = 'a newer goal was received'
     FOLLOWED = (
@@ -284,14 +288,14 @@ class GoalTracker:
         if is_near and (self.state is GoalState.REACHED or remaining.time <= 0.0):
             return GoalState.REACHED, reason
 
-        is_late = (
-            compensator.path_time(now) < -self.ARRIVAL_TIME
-        )  # negative after the end
+        # the path time is negative after the end of the path
+        is_late = compensator.path_time(now) < -self.ARRIVAL_TIME
         if is_late and not is_near and not reason:
             reason = late_reason(compensator, now)
             if reason and self.state is not GoalState.HELD_BACK:
                 self._warn(f'goal held back: {reason}')
-            is_held_back = is_held_back or bool(reason)
+            reason = reason or self.LATE
+            is_held_back = True
         return GoalState.HELD_BACK if is_held_back else GoalState.MOVING, reason
 
     def _enter(

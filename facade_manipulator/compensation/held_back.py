@@ -1,19 +1,24 @@
-"""Limits that keep axes of the head from following their path."""
+"""Causes that keep the head, or axes of it, from following their path."""
 
 from __future__ import annotations
+
+import math
 
 from facade_manipulator.kinematics import Pose
 
 
 class HeldBack:
-    """Limits that hold axes of the head back now, or did so within the last second."""
+    """Causes that hold the head back now, or did so within the last second."""
 
     HOLDS = ('at the workspace limit', 'by an uncertain estimate')
     LEAST_ERROR = 1e-4  # m or rad, minimum error of an axis that counts as held back
     SHOWN_FOR = 1.0  # s, so that an operator can read the message
+    OFF_PATH = 'the head does not follow its path; next: check /diagnostics'
 
     def __init__(self) -> None:
         self._noted: dict[tuple[str, str], float] = {}
+        # time at which the head was last found off its path [s]
+        self._off_path_at = -math.inf
 
     def note(self, now: float, *errors: Pose) -> None:
         """Record which axes are held back, from the axis errors for each entry of `HOLDS`."""
@@ -22,8 +27,12 @@ class HeldBack:
                 if abs(amount) > self.LEAST_ERROR:
                     self._noted[limit, axis] = now
 
+    def note_off_path(self, now: float) -> None:
+        """Record that the head has not followed its path, for example after rejected setpoints."""
+        self._off_path_at = now
+
     def message(self, now: float) -> str:
-        """Return a message with the held axes and their limits; empty if no axis is held."""
+        """Return a message with the held axes and their causes; empty if the head is not held."""
         for held, then in [*self._noted.items()]:
             # a future time: the clock was set back
             if not 0.0 <= now - then < self.SHOWN_FOR:
@@ -34,4 +43,6 @@ class HeldBack:
             axes = [axis for axis in Pose._fields if (limit, axis) in self._noted]
             if axes:
                 texts.append(f'held back in {", ".join(axes)} {limit}')
+        if 0.0 <= now - self._off_path_at < self.SHOWN_FOR:
+            texts.append(self.OFF_PATH)
         return '; '.join(texts)

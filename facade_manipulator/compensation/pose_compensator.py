@@ -254,7 +254,10 @@ class Compensator:
         if self._is_goal_new:
             self._is_goal_new = False
             self._begin_goal(reach_time, self.goal)
-        if self.newest is None or self.following.is_off_path(now):
+        is_off_path = self.following.is_off_path(now)
+        if is_off_path:
+            self.held_back.note_off_path(now)
+        if self.newest is None or is_off_path:
             self._initialise(now, reach_time, disturbance, self.goal)
         elif self.goal != self._reference.goal:
             self._reference.retarget(reach_time, self.goal)

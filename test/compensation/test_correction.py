@@ -193,6 +193,19 @@ def test_tare_with_an_unmeasured_axis_is_rejected(settled, known, axes):
     run.correction.tare(run.now)
 
 
+def test_tare_keeps_the_offset_of_an_axis_never_measured():
+    run = Run().go(8.0, known=(False, True, True))
+    nominal = run.correction.tare(run.now)
+    assert nominal.x == 0.0
+    assert nominal[1:] == pytest.approx(tuple(breeze(run.now))[1:], abs=4e-3)
+
+
+def test_tare_without_any_measured_axis_is_rejected():
+    run = Run().go(1.0, known=(False, False, False))
+    with pytest.raises(ManipulatorError, match='x, y, theta are not measured'):
+        run.correction.tare(run.now)
+
+
 @pytest.mark.parametrize(
     ('share', 'constant'), [(0.2, 0.015), (0.4, 0.015), (1.0, 0.03)]
 )

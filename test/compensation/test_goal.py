@@ -100,12 +100,12 @@ def test_goal_near_for_the_dwell_time_is_reached(steps, expected):
 class Machine:
     """Compensator whose head follows exactly, and the reports on its goals."""
 
-    def __init__(self, motion: Pose = ZERO_POSE) -> None:
+    def __init__(self, motion: Pose = ZERO_POSE, lag: float | None = 0.0) -> None:
         self.sent: list[dict[str, str]] = []
         self.head = CompensatedHead(
             motion,
             head=GOAL._replace(x=0.0),
-            lag=0.0,
+            lag=lag,
             correction=CorrectionSettings(enabled=False),
         )
         self.warnings: list[str] = []
@@ -312,6 +312,32 @@ def test_goal_of_an_unmeasured_head_is_held_back(machine):
         'end_effector_pose is silent for more than 0.5 s; next: check the ik_service and '
         'the publishers of joint_states'
     )
+
+
+def test_goal_of_a_head_at_rest_is_held_back():
+    """With two publishers of joint_setpoints the driver rejects all setpoints."""
+    machine = Machine(lag=None)
+    machine.follow(GOAL, '1.0')
+    sent = machine.run(6.0)
+    assert states(sent) == ['moving', 'held back']
+    assert sent[-1]['reason'] == (
+        'the head does not follow its path; next: check /diagnostics'
+    )
+
+
+def test_goal_beside_the_end_of_the_path_is_held_back():
+    """The head follows within 20 mm, but ends outside the tolerance of 5 mm."""
+    machine = Machine(lag=None)
+    machine.head.compensator.correction.enabled = True
+    machine.head.head = machine.head.head._replace(x=GOAL.x + 0.01)
+    machine.follow(GOAL, '1.0')
+    sent = machine.run(6.0)
+    assert states(sent) == ['moving', 'held back']
+    assert sent[-1]['reason'] == (
+        'the head is not at its goal 1 s after the end of its path; '
+        'next: check /diagnostics'
+    )
+    assert machine.warnings == []
 
 
 @pytest.mark.parametrize(
