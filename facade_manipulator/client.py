@@ -213,9 +213,8 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         values = self._of_goal(self._stamp)
         if not self._stamp or not values:
             return None
-        if (
-            values.get('rejected goal stamp') == self._stamp
-        ):  # the rest is of another goal
+        # otherwise the values belong to another goal
+        if values.get('rejected goal stamp') == self._stamp:
             return GoalProgress('rejected', math.nan, math.nan, values['rejection'])
         return GoalProgress(
             values.get('state', ''),

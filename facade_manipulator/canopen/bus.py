@@ -94,11 +94,12 @@ class CanBus:
     )
     # the queue of the interface is full, that of the socket
     _FULL = (errno.ENOBUFS, errno.EAGAIN)
+    # the interface is down, gone or closed
     _ERRORS = (
         can.CanError,
         OSError,
         ValueError,
-    )  # the interface is down, gone or closed
+    )
     # error classes in the identifier of an error frame
     _CONTROLLER_PROBLEM = 0x004
     _BUS_OFF = 0x040

@@ -73,9 +73,8 @@ class Write(NamedTuple):
 
 def expedited_download(index: int, subindex: int, data: bytes) -> bytes:
     """Return the frame that writes an object of at most four bytes (CiA 301, SDO download)."""
-    specifier = (
-        0x23 | (4 - len(data)) << 2
-    )  # bits 2 and 3: how many of four bytes are unused
+    # bits 2 and 3: how many of four bytes are unused
+    specifier = 0x23 | (4 - len(data)) << 2
     return struct.pack('<BHB4s', specifier, index, subindex, data)
 
 

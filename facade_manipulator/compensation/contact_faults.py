@@ -55,9 +55,8 @@ class ForceRises:
 class ForceMonitor:
     """Monitor of the force for faults that require the head to leave the wall."""
 
-    SIGNIFICANT_FORCE = (
-        6.0 * NOISE
-    )  # N: noise, steps and dead band of a working sensor are less
+    # N, above noise, steps and dead band of a working sensor
+    SIGNIFICANT_FORCE = 6.0 * NOISE
     CHATTER_TIME = 0.1  # s, period faster than the loop
     CHATTER_MEMORY = 0.4  # s, averaging time of the chatter
     OSCILLATION_TIME = 2.0  # s, period of a loop with a late force; averaging time

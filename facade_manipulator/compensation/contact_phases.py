@@ -219,9 +219,8 @@ class Pressing:
         self.reason = ''
         #: reason of the last retreat; empty before the first
         self.last_reason = ''
-        self._is_active = (
-            settings.enabled
-        )  # whether the head presses at its present goal
+        # whether the head presses at its present goal
+        self._is_active = settings.enabled
         self._is_latched = False  # whether the wait lasts until pressing is disabled
         #: offset of the head off the wall [m], below 0 from pressing until the next goal
         self._rest = 0.0

@@ -174,9 +174,8 @@ class Correction:
     # s, minimum duration of estimates before the correction fades in
     SETTLING_TIME = 0.5
     NONE_KNOWN: tuple[bool, ...] = (False, False, False)
-    NO_SHARE = MotionState(
-        Pose(-1.0, -1.0, -1.0), ZERO_TWIST
-    )  # a share of 0 minus a share of 1
+    # a share of 0 minus a share of 1
+    NO_SHARE = MotionState(Pose(-1.0, -1.0, -1.0), ZERO_TWIST)
     # s, time constant of a change by an estimate with the usual noise: 30 Hz
     SMOOTHING = 0.03
     LEAST_SMOOTHING = 0.015  # s, the same with less than half of it

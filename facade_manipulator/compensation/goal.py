@@ -365,10 +365,11 @@ def late_reason(compensator: Compensator, now: float) -> str:
 def uncorrected_reason(correction: Correction, now: float) -> str:
     """Return the reason why the correction is off or about to end, or ``''``."""
     if correction.is_silent(now):
+        # without a changing figure, because each change of the text is published
         return (
             f'no valid estimate for more than {ESTIMATOR_SILENCE:g} s, and the correction '
             f'fades out after {FADE_AFTER:g} s: {correction.silence_cause(now)}'
-        )  # constant: a change is published
+        )
     if correction.mode is CorrectionMode.DISABLED and math.isfinite(
         correction.age(now)
     ):

@@ -328,8 +328,7 @@ def _start_logging() -> None:
     listener = QueueListener(SimpleQueue[Any](), output)
     logging.getLogger().addHandler(QueueHandler(listener.queue))
     logging.getLogger('facade_manipulator').setLevel(logging.INFO)
-    logging.getLogger('canopen').setLevel(
-        logging.CRITICAL
-    )  # its errors are messages of ours
+    # its errors are messages of ours
+    logging.getLogger('canopen').setLevel(logging.CRITICAL)
     listener.start()
     atexit.register(listener.stop)

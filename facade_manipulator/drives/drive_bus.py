@@ -84,9 +84,8 @@ class DriveBus:
         """
         exchange = self.exchange
         if exchange is not None:
-            with suppress(
-                BusError
-            ):  # the drives notice the missing heartbeat by themselves
+            # the drives notice the missing heartbeat by themselves
+            with suppress(BusError):
                 # drives of another master are left unchanged
                 if exchange.transmitter.sends_heartbeats:
                     self.command('PRE-OPERATIONAL', axes)

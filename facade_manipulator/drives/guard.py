@@ -108,11 +108,12 @@ class Guard:
 
     """
 
+    # order on the rail is A1, A3, A2; the pair A1, A2 counts while A3 is not homed
     NEIGHBOURS = (
         (0, 2),
         (2, 1),
         (0, 1),
-    )  # order on the rail is A1, A3, A2; the pair A1, A2 counts while A3 is not homed
+    )
 
     def __init__(
         self, geometry: Geometry, separation: Separation, limit_margin: float

@@ -227,9 +227,8 @@ class SdoAccess:
 
     def switch_off(self) -> Steps[State | None]:
         """Switch the drive off; return its state, or None without an answer."""
-        with suppress(
-            DriveError, BusError
-        ):  # a drive that does not answer is asked once more
+        # a drive that does not answer is asked once more
+        with suppress(DriveError, BusError):
             # disable voltage
             yield from self.objects.write(indices.CONTROLWORD, 0, bytes(2))
         return (yield from self._state())

@@ -87,9 +87,8 @@ class TargetSupervisor:
                 now,
             )
             return
-        if (
-            self.positions is not None
-        ):  # else the first command came too late to be sent
+        # without positions the first command was too late to be sent
+        if self.positions is not None:
             self._latched.append(self.positions)
             for cause in self._lags(actual):
                 group.stop(cause, now)
@@ -219,9 +218,8 @@ class TargetSupervisor:
         self.guard.check_targets(targets)
         for name, old, new in zip(AXIS_NAMES, held, targets, strict=True):
             step = abs(new - old)
-            if (
-                not step <= self._largest_step + TARGET_ROUNDING
-            ):  # also a step not finite
+            # a step that is not finite is also rejected
+            if not step <= self._largest_step + TARGET_ROUNDING:
                 raise SetpointLimitError(
                     f'target step of {name} in one cycle',
                     step,

@@ -78,9 +78,8 @@ class CompensatorNode(BaseNode):
         self._compensator = Compensator(setup.geometry, setup.parts)
         for part, cls in (('contact', ContactSettings), ('lateral', LateralSettings)):
             accept_changes(self, cls, part, partial(self._compensator.change, part))
-        self._out_of_plane = planar_messages.OutOfPlane(
-            0.0, 0.0
-        )  # of the newest estimate
+        # of the newest estimate
+        self._out_of_plane = planar_messages.OutOfPlane(0.0, 0.0)
 
         self.diagnostics = Diagnostics(self, self._components)
         self._frames = planar_messages.Frames.of(self.get_namespace())
@@ -192,9 +191,8 @@ class CompensatorNode(BaseNode):
 
         Raises an InputError for a malformed or impossible estimate.
         """
-        child = getattr(
-            message, 'child_frame_id', self._frames.rail
-        )  # only Odometry has it
+        # only Odometry has it
+        child = getattr(message, 'child_frame_id', self._frames.rail)
         if not child:
             raise InputError(
                 'frame',

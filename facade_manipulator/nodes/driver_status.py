@@ -11,9 +11,8 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.nodes.planar_messages import status_values
 
 STATUS_PERIOD = 0.5  # s, between two equal messages on driver/status
-DRIVER_SILENCE = (
-    4 * STATUS_PERIOD
-)  # s without a message, after which the driver counts as silent
+# s without a message, after which the driver counts as silent
+DRIVER_SILENCE = 4 * STATUS_PERIOD
 
 
 def state_sentence(state: str) -> str:

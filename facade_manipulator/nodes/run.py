@@ -106,9 +106,8 @@ def run(
 
 def _stop(signals: list[int], number: int, _: object) -> None:
     """Request the end; a second signal also ends callbacks that do not return."""
-    if (
-        signals
-    ):  # EventsExecutor: while messages arrive faster than their callback returns
+    # with EventsExecutor the loop never ends while messages arrive faster than callbacks return
+    if signals:
         raise KeyboardInterrupt
     signals.append(number)
 
@@ -200,9 +199,8 @@ def ros_errors() -> Iterator[None]:
             raise
         raise ManipulatorError(file_sentence(error)) from error
     except ROSError as error:
-        message = re.sub(
-            ', at [^ ,]+:[0-9]+', '', str(error)
-        )  # places in the code of ROS
+        # places in the code of ROS
+        message = re.sub(', at [^ ,]+:[0-9]+', '', str(error))
         hint = ''
         if 'logging' in str(error):
             hint = f'; {LOG_STEP}'
@@ -217,9 +215,8 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 def handle_signals(action: Callable[[int, Any], object] | signal.Handlers) -> None:
     """Set the handler of all signals that end a process, except SIGHUP under nohup."""
     for number in STOP_SIGNALS:
-        if (
-            number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN
-        ):  # nohup
+        # nohup has set SIG_IGN
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, action)
 
 

@@ -27,13 +27,11 @@ import numpy as np
 BANDWIDTHS = np.array((0.8, 2.0, 4.0, 8.0))  # rad/s
 LEVEL_FILTER = 2  # index of the filter to whose position the features are relative
 FEATURES = 3 * len(BANDWIDTHS) - 1
-ACCELERATION_FEATURE = (
-    3 * LEVEL_FILTER + 1
-)  # index of the level filter's a/ω² in the features
+# index of the level filter's a/ω² in the features
+ACCELERATION_FEATURE = 3 * LEVEL_FILTER + 1
 
-_POLES = np.array(
-    (-1.0, np.exp(2j * np.pi / 3.0))
-)  # the third: conjugate of the second
+# the third: conjugate of the second
+_POLES = np.array((-1.0, np.exp(2j * np.pi / 3.0)))
 # numerators of position, velocity and acceleration, and Butterworth's third order
 _NUMERATORS = np.array(((2.0, 2.0, 1.0), (2.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
 _DENOMINATOR = np.array((1.0, 2.0, 2.0, 1.0))

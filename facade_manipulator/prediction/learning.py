@@ -84,9 +84,8 @@ class Learning:
         self.tones = Tones(axes)
         self._next = stamp + self.LEARNING_PERIOD  # s, when learning is due
         self._peak = np.zeros(axes)  # of the squared acceleration
-        self._known = noise * (
-            mean_interval * self.ACCELERATION_NOISE
-        )  # peak learnt so far
+        # peak learnt so far
+        self._known = noise * (mean_interval * self.ACCELERATION_NOISE)
         self._solve(self._groups, noise, mean_interval)
 
     def variance(self, axis: int, ahead: float) -> float:

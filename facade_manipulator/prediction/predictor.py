@@ -143,9 +143,8 @@ class DisturbancePredictor:
         self.innovations = noise.copy()
         self._interval = self.FIRST_INTERVAL
         self._origin = measured
-        self._values = np.zeros(
-            axes
-        )  # the newest positions, those of wrong axes expected
+        # the newest positions, those of wrong axes expected
+        self._values = np.zeros(axes)
         self._left_out = np.zeros(axes)  # errors of wrong axes, which are not in them
         self._positions = Positions()
         self._bank = FilterBank(axes)

@@ -359,9 +359,8 @@ def main(args: list[str] | None = None) -> int:
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
     def run() -> None:
-        require_packages(
-            'mujoco'
-        )  # the simulator needs it, a node that the demo starts
+        # the simulator needs it, a node that the demo starts
+        require_packages('mujoco')
         Demo(options).run()
 
     return exit_status('demo', run)

@@ -47,10 +47,11 @@ class _StopSignal(Exception):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the simulated drives until SIGINT or SIGTERM; return the exit status."""
     options = _parser().parse_args(arguments)
+    # their messages repeat errors of this process or master
     for name in (
         'can',
         'canopen',
-    ):  # their messages repeat errors of this process or master
+    ):
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     return exit_status('drive_simulator', lambda: _run(options))
 

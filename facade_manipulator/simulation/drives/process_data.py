@@ -106,9 +106,8 @@ class ProcessData:
                 rpdo.map, key=lambda each: each.index == indices.CONTROLWORD
             ):
                 if rpdo.is_received:
-                    with suppress(
-                        SdoAbortedError
-                    ):  # a rejected value keeps the old value
+                    # a rejected value keeps the old value
+                    with suppress(SdoAbortedError):
                         self._objects.write(
                             (variable.index, variable.subindex), variable.raw
                         )

@@ -141,9 +141,8 @@ def read_values(drive: SdoChannel, objects: Objects) -> Steps[dict[Key, Any]]:
             variable.readable and variable.writable and key[0] not in _NOT_SETTINGS
         )
         if key in IDENTITY_ENTRIES or is_setting:
-            with suppress(
-                SdoAbortError, ObjectDictionaryError
-            ):  # absent, or of another type
+            # absent, or of another type
+            with suppress(SdoAbortError, ObjectDictionaryError):
                 data = yield from drive.read(*key)
                 is_signed = variable.data_type in datatypes.SIGNED_TYPES
                 values[key] = (

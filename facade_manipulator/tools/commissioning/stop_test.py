@@ -92,9 +92,8 @@ def run_stop_test(context: Context) -> None:
                 problems.append(
                     f'{name}: {way} does not stop the carriage in time; next: {REMEDIES[way]}'
                 )
-            if (
-                way == SILENT_MASTER
-            ):  # without SYNC there are no positions of the braking
+            # without SYNC there are no positions of the braking
+            if way == SILENT_MASTER:
                 print(shown)
                 continue
             measured = fit_deceleration(
@@ -191,9 +190,8 @@ def _stop(motion: Motion, way: str) -> dict[str, AxisSnapshot]:
         off = AxisCommand(Controlword.DISABLE_VOLTAGE, Mode.CYCLIC_SYNCHRONOUS_POSITION)
         for axis in controller.axes:
             for cob_id, data in axis.output.frames(off):
-                exchange.bus.send(
-                    cob_id, data
-                )  # the last command before the SYNC counts
+                # the last command before the SYNC counts
+                exchange.bus.send(cob_id, data)
     else:
         exchange.bus.stop_sync()  # as the kernel does when the process ends
         controller.clock.sleep(MASTER_SILENCE)
