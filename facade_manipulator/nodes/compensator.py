@@ -38,11 +38,7 @@ from facade_manipulator.nodes.conversions import (
     steady_timer,
     system_time,
 )
-from facade_manipulator.nodes.diagnostics import (
-    diagnostic_status,
-    Diagnostics,
-    LOG_PERIOD,
-)
+from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 from facade_manipulator.nodes.driver_status import SILENT
 from facade_manipulator.nodes.node_parameters import accept_changes, NodeParameters
 from facade_manipulator.nodes.node_settings import CompensatorSetup
@@ -90,7 +86,8 @@ class CompensatorNode(BaseNode):
         self._references = self.create_publisher(*topics.REFERENCE)
         self._transform = conversions.FacadeTransform(self)
         self._goal_status = self.create_publisher(*topics.GOAL_STATUS)
-        self._goals = GoalTracker(self._compensator, self._publish_goal, self._warn)
+        warn = partial(self.diagnostics.warn, 'goal')
+        self._goals = GoalTracker(self._compensator, self._publish_goal, warn)
         self._goals.settings = setup.arrival
         change_arrival = partial(setattr, self._goals, 'settings')
         accept_changes(self, ArrivalSettings, 'arrival', change_arrival)
@@ -151,9 +148,6 @@ class CompensatorNode(BaseNode):
 
     def _publish_goal(self, component: compensation_diagnostics.Component) -> None:
         self._goal_status.publish(diagnostic_status(*component))
-
-    def _warn(self, text: str) -> None:
-        self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD)
 
     def _receive_goal(self, message: PoseStamped) -> None:
         """

@@ -18,7 +18,7 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.nodes.conversions import steady_timer
 from facade_manipulator.nodes.planar_messages import LEVEL_NAMES
 
-LOG_PERIOD = 10.0  # s, between two log lines of rejections for the same reason
+LOG_PERIOD = 10.0  # s, between two warnings in the log for the same reason
 
 
 def key_values(values: Mapping[str, Any]) -> list[KeyValue]:
@@ -95,12 +95,22 @@ class Diagnostics:
 
         `what` is the name of the message or request, if the error has none.
         """
-        reason, now = getattr(error, 'reason', 'other'), time.monotonic()
+        reason = getattr(error, 'reason', 'other')
         self._counts[reason] += 1
         self.last_rejection = f'{what}: {error}' if what else str(error)
-        if is_logged and now - self._logged.get(reason, -math.inf) >= LOG_PERIOD:
+        if is_logged:
+            self.warn(reason, self.last_rejection)
+
+    def warn(self, reason: str, text: str) -> None:
+        """
+        Log a warning; log each reason at most once per `LOG_PERIOD`.
+
+        The throttle of rclpy's logger searches its caller's file in each call, which takes 0.7 ms.
+        """
+        now = time.monotonic()
+        if now - self._logged.get(reason, -math.inf) >= LOG_PERIOD:
             self._logged[reason] = now
-            self._node.get_logger().warning(self.last_rejection)
+            self._node.get_logger().warning(text)
 
     def rejections(self) -> dict[str, Any]:
         """Return the counts of rejections as the values of a component."""

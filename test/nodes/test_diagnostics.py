@@ -33,6 +33,18 @@ def test_rejections_are_counted_and_logged_by_reason(ros, monkeypatch, capfd):
     }
 
 
+def test_repeated_warning_is_logged_once_per_period(ros, monkeypatch, capfd):
+    now = [100.0]
+    monkeypatch.setattr(diagnostics.time, 'monotonic', lambda: now[0])
+    counters = diagnostics_of(ros.node())
+    for step in range(20):
+        now[0] = 100.0 + step * diagnostics.LOG_PERIOD / 10.0
+        counters.warn('goal', f'goal held back {step}')
+    log = capfd.readouterr().err
+    assert log.count('goal held back') == 2
+    assert counters.rejections()['rejected'] == 0
+
+
 def test_changed_outcome_is_published_once(ros):
     published = []
     component = diagnostic_status('goal', 'ok', '', {})
