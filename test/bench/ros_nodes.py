@@ -70,21 +70,21 @@ MOVING = role('100>joint_setpoints joint_states>')
 LAYOUTS = (
     (
         'R1 compensator at 100 Hz / empty relay',
-        {'CPU': '<= 1.8', 'p50': '<= 1.3'},
+        {'CPU': '<= 1.6', 'p50': '<= 1.3'},
         (POSES, node(NODES + 'compensator', LEAD)),
         (POSES, role(COMPENSATOR.format(100))),
         role(SWAY.format(100)),
     ),
     (
         'R1 ik_service at 100 Hz / empty relay',
-        {'CPU': '<= 1.2', 'p50': '<= 1.15'},
+        {'CPU': '<= 1.2', 'p50': '<= 1.2'},
         (SETPOINTS, node(NODES + 'ik_service')),
         (SETPOINTS, role(IK_SERVICE)),
         role('100>corrected_pose 100>joint_states joint_setpoints>'),
     ),
     (
         'R1 driver at 100 Hz / empty relay',
-        {'CPU': '<= 1.9', 'p50': '<= 1.6'},
+        {'CPU': '<= 1.5', 'p50': '<= 1.5'},
         (driver(500),),
         (role(DRIVER.format(500)),),
         MOVING,
@@ -109,7 +109,7 @@ LAYOUTS = (
     ),
     (
         'S1 whole stack at 100 Hz / empty nodes and python-can',
-        {'whole CPU': '<= 1.45', 'memory': '<= 1.15'},
+        {'whole CPU': '<= 1.5', 'memory': '<= 1.25'},
         (driver(100), node(NODES + 'manipulator', LEAD)),
         (role(DRIVER.format(100)), role(DEPLOYMENT)),
         role('2>goal_pose 100>disturbance'),
