@@ -63,10 +63,16 @@ def steady_timer(
     )
 
 
+def fill_stamp(message: Time, time: float) -> Time:
+    """Write a time since the epoch [s] into an existing stamp."""
+    message.sec = math.floor(time)
+    message.nanosec = int((time - message.sec) * 1e9)
+    return message
+
+
 def stamp(time: float) -> Time:
     """Convert a time since the epoch [s] to a stamp."""
-    sec = math.floor(time)
-    return Time(sec=sec, nanosec=int((time - sec) * 1e9))
+    return fill_stamp(Time(), time)
 
 
 def fill_pose(message: PoseMessage, pose: Pose) -> PoseMessage:
@@ -87,7 +93,8 @@ def pose_stamped(
 ) -> PoseStamped:
     """Return a message with frame, stamp [s] and planar pose; a new message costs 20 us."""
     message = message or PoseStamped()
-    message.header.frame_id, message.header.stamp = frame_id, stamp(time)
+    message.header.frame_id = frame_id
+    fill_stamp(message.header.stamp, time)
     fill_pose(message.pose, pose)
     return message
 
@@ -101,7 +108,7 @@ def joint_state(
 ) -> JointState:
     """Return a message with positions [m], velocities [m/s] and forces [N], new or given."""
     message = message or JointState(name=AXIS_NAMES)
-    message.header.stamp = stamp(time)
+    fill_stamp(message.header.stamp, time)
     message.position, message.velocity, message.effort = position, velocity, effort
     return message
 
