@@ -13,14 +13,14 @@ from facade_manipulator.simulation.demo.demo_report import Run
 from facade_manipulator.simulation.world.scenario import Mission, Scenario
 
 
-def run(amplitude=1e-3, force=None, **scenario):
+def run(amplitude=1e-3, force=None, samples=4000, **scenario):
     """Return a run with an error at 1 Hz along x [m] on a swaying gondola, and a force [N]."""
-    times = 1e3 + 0.0101 * np.arange(4000)
-    references = np.tile((0.1, 0.25, 0.0), (4000, 1))
+    times = 1e3 + 0.0101 * np.arange(samples)
+    references = np.tile((0.1, 0.25, 0.0), (samples, 1))
     heads = references + np.outer(np.sin(math.tau * times), (amplitude, 1e-4, 1e-4))
-    rails = np.tile((0.0, 0.01, 0.02), (4000, 1))
+    rails = np.tile((0.0, 0.01, 0.02), (samples, 1))
     rails[:, 0] = 0.05 * np.sin(times)
-    wrenches = np.zeros((4000, 3))
+    wrenches = np.zeros((samples, 3))
     wrenches[:, 1] = 0.0 if force is None else -force
     tables = [
         np.column_stack((times, table))
@@ -57,6 +57,18 @@ def test_picture_of_the_errors_labels_six_panels_with_units():
     labels = [panel.get_ylabel() for panel in panels]
     assert len(labels) == 6
     assert all('[' in label for label in labels)
+
+
+def test_amplification_is_explained_above_the_first_spectrum():
+    panels = demo_report.errors(run()).axes
+    explained = [demo_report.AMPLIFICATION in panel.get_title() for panel in panels]
+    assert explained == [False, True, False, False, False, False]
+
+
+def test_animation_lasts_as_long_as_a_short_run():
+    made = run(samples=110)
+    duration = demo_report.FRAME_PERIOD * len(demo_report.linkage(made))
+    assert duration == pytest.approx(made.times[-1], abs=demo_report.FRAME_PERIOD)
 
 
 @pytest.fixture
