@@ -7,6 +7,7 @@ from pathlib import Path
 import sys
 
 from mechanism import DESIGN, NO_GAP
+import numpy as np
 import pytest
 from pytest import approx
 
@@ -14,8 +15,9 @@ from facade_manipulator.errors import LimitError
 from facade_manipulator.kinematics import add, Geometry, Mechanism, Pose, subtract
 from facade_manipulator.study import __main__ as study
 from facade_manipulator.study.drawing import joints_in_mode
-from facade_manipulator.study.figures import FIGURES
-from facade_manipulator.study.figures_postures import extremes, MODES
+from facade_manipulator.study.figures import figure_11, FIGURES
+from facade_manipulator.study.figures_postures import extremes, figure_12, MODES
+from facade_manipulator.study.paper_tables import Study
 
 
 def run(arguments):
@@ -97,6 +99,23 @@ def test_every_figure_is_drawn(tmp_path):
     for path in target.iterdir():
         assert path.read_bytes().startswith(b'\x89PNG')
         assert path.stat().st_size > 20_000
+
+
+def test_ranges_are_drawn_from_zero_to_the_link_length():
+    left, right = figure_11(Study(NO_GAP)).axes[-2:]
+    for panel in (left, right):
+        assert panel.get_xlim() == approx((0.0, 352.0))
+        assert panel.get_ylim()[0] == 0.0
+
+
+def test_compensated_head_is_drawn_in_one_place():
+    places = []
+    for panel in figure_12(Study(NO_GAP)).axes:
+        markers = [line for line in panel.lines if line.get_marker() == 'o']
+        opaque = [line.get_xydata()[0] for line in markers if line.get_alpha() == 1.0]
+        places.append(np.mean(opaque, axis=0))
+    assert len(places) == 3
+    assert np.ptp(places, axis=0) == approx(0.0, abs=1e-6)
 
 
 def test_four_modes_share_the_platform_and_the_link_lengths():
