@@ -116,6 +116,19 @@ def test_home_switch_method_without_index_pulse_is_preferred(
     assert 'index pulse' not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize('method', [11, 12])
+def test_index_pulse_method_of_a_lower_switch_is_announced(
+    make_rig, tmp_path, capsys, method
+):
+    profile = own_profile(tmp_path, homing_methods=[37, method])
+    rig = make_rig(
+        '--start-positions', '0.1', '0.2', '-0.002', '--home-switch-opens'
+    ).configured(profile)
+    command = 'home-switch', 'q3', '--towards', '-', '--speed', '20'
+    assert rig.run(*command, '--approaches', '1') == 0
+    assert f'method {method} homes at an index pulse' in capsys.readouterr().out
+
+
 def test_switch_that_is_on_at_start_is_rejected(make_rig, rejected):
     rig = make_rig(
         '--start-positions', '0.1', '0.2', '-0.008', '--home-switch-opens'
