@@ -56,6 +56,18 @@ def test_stamp_survives_conversion_to_seconds_and_to_text(sec, nanosec):
     assert len(part) == 9
 
 
+@pytest.mark.parametrize('age', [5.0, 0.0, -1.0])
+def test_stamp_within_its_limits_is_accepted(age):
+    planar_messages.require_recent_command('goal_pose', 100.0 - age, 100.0)
+
+
+@pytest.mark.parametrize(('age', 'reason'), [(5.01, 'stale'), (-1.01, 'future')])
+def test_old_and_future_stamps_are_rejected(age, reason):
+    with pytest.raises(InputError) as caught:
+        planar_messages.require_recent_command('goal_pose', 100.0 - age, 100.0)
+    assert caught.value.reason == reason
+
+
 @given(st.builds(Pose, lengths, lengths, angles), angles, st.floats(0.0, 0.2), lengths)
 def test_tilted_pose_is_projected_into_the_plane(place, direction, tilt, height):
     """Rotate a pose about z, then tilt it about an axis in the plane."""
