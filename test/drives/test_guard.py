@@ -1,4 +1,5 @@
 import math
+from unittest.mock import Mock
 
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -94,6 +95,14 @@ def test_fast_check_decides_as_the_exact_check(geometry, tolerances):
         q3 = 0.4 * math.sin(number)
         positions = (q3 - left, q3 + right, q3)
         assert rejection(check, positions) == rejection(check.exact, positions)
+
+
+@pytest.mark.parametrize('geometry', [GEOMETRY, MADE], ids=['drawn', 'made'])
+def test_positions_far_from_limits_need_no_exact_check(geometry):
+    check = MechanismCheck(geometry)
+    check.exact = Mock()
+    check((-0.15, 0.15, 0.0))
+    check.exact.assert_not_called()
 
 
 @pytest.mark.parametrize(
