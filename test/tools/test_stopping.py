@@ -83,6 +83,14 @@ def test_stop_category_1_leaves_5_mm_at_every_speed(lag, gap, load):
     )
 
 
+def test_table_shows_stops_with_the_heaviest_load():
+    found = analysis()
+    deceleration = HEAVIEST * found.separation.deceleration
+    rows = found.table(coasting=1.87)
+    left = [found.remaining(row.speed, INPUT_SPREAD, deceleration) for row in rows]
+    assert [row.left_by_ss1_t for row in rows] == pytest.approx(left)
+
+
 def test_stop_category_0_leaves_less_with_less_friction():
     left = [
         analysis().remaining(0.5, RELAY_SPREAD, (1.0 - SCATTER) * coasting)
