@@ -12,7 +12,12 @@ from facade_manipulator.drives.snapshot import (
     ControllerSnapshot,
     ControllerState,
 )
-from facade_manipulator.drives.states import decode_state, describe_state, STATUSWORDS
+from facade_manipulator.drives.states import (
+    decode_state,
+    describe_state,
+    State,
+    STATUSWORDS,
+)
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
 ENABLED = 0x0027
@@ -70,6 +75,24 @@ def test_unknown_carriage_position_gives_no_joint_states(one):
 )
 def test_reported_change_depends_only_on_states_and_causes(other, is_same):
     assert (reported(other) == reported(snapshot())) is is_same
+
+
+@pytest.mark.parametrize(
+    ('pattern', 'state'),
+    [
+        ('x0xx0000', State.NOT_READY_TO_SWITCH_ON),
+        ('x1xx0000', State.SWITCH_ON_DISABLED),
+        ('x01x0001', State.READY_TO_SWITCH_ON),
+        ('x01x0011', State.SWITCHED_ON),
+        ('x01x0111', State.OPERATION_ENABLED),
+        ('x00x0111', State.QUICK_STOP_ACTIVE),
+        ('x0xx1111', State.FAULT_REACTION_ACTIVE),
+        ('x0xx1000', State.FAULT),
+    ],
+)
+def test_statusword_patterns_of_cia_402_have_their_states(pattern, state):
+    for ignored in '01':
+        assert decode_state(int(pattern.replace('x', ignored), 2)) is state
 
 
 def test_no_statusword_has_two_states():
