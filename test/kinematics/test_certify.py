@@ -77,7 +77,13 @@ def test_carriages_of_certified_poses_pass_the_check(q3, left, right, geometry):
     assert passes(Mechanism(geometry).check, carriages) == passes(by_the_pose)
 
 
-Y_GAP, Y_ORDER = (math.sqrt(0.352**2 - (0.348 - gap) ** 2) for gap in (0.02, 0.0))
+def height_at_gap(gap):
+    """Return y of the level head whose carriages have a gap [m]."""
+    return math.sqrt(0.352**2 - (0.348 - gap) ** 2)
+
+
+Y_GAP = height_at_gap(0.02)
+Y_ORDER = height_at_gap(0.0)
 ROOM = 0.5 - abs(inverse_kinematics(DESIGN, Pose(0.0, 0.25, 0.0)).q1)
 
 
@@ -109,10 +115,10 @@ ROOM = 0.5 - abs(inverse_kinematics(DESIGN, Pose(0.0, 0.25, 0.0)).q1)
 def test_each_limit_is_certified_up_to_its_bound(
     geometry, border, outwards, kind, quantity, bound
 ):
-    inside, outside = (
-        Pose(border.x + hair * outwards[0], border.y + hair * outwards[1], 0.0)
-        for hair in (-HAIR, HAIR)
-    )
+    x_step = HAIR * outwards[0]
+    y_step = HAIR * outwards[1]
+    inside = Pose(border.x - x_step, border.y - y_step, 0.0)
+    outside = Pose(border.x + x_step, border.y + y_step, 0.0)
     certify(geometry, inside, min_conditioning=0.0)
     error = rejected(kind, outside, geometry, min_conditioning=0.0)
     assert error.quantity == quantity
@@ -154,22 +160,16 @@ def test_weak_conditioning_is_rejected_with_index_and_bound():
     certify(DESIGN, pose, min_conditioning=0.0)
 
 
+def conditioning_index(geometry, pose):
+    """Return the index from a rejection, because no index is above 1."""
+    return rejected(SingularityError, pose, geometry, min_conditioning=2.0).value
+
+
 @pytest.mark.parametrize('scale', [0.1, 1.0, 3.0])
 def test_scaled_mechanism_has_the_conditioning_of_the_design(scale):
-    geometry = Geometry(
-        *(scale * length for length in (0.352, 0.348)),
-        tuple(scale * end for end in (-0.5, 0.5)),
-        0.02 * scale,
-    )
+    stroke = (-0.5 * scale, 0.5 * scale)
+    geometry = Geometry(0.352 * scale, 0.348 * scale, stroke, 0.02 * scale)
     for y, theta in ((0.13, 0.0), (0.25, 0.1), (0.3519, 0.0)):
-        # No index is above 1, so the rejection shows the index.
-        design, scaled = (
-            rejected(
-                SingularityError,
-                Pose(0.0, size * y, theta),
-                machine,
-                min_conditioning=2.0,
-            )
-            for size, machine in ((1.0, DESIGN), (scale, geometry))
-        )
-        assert scaled.value == pytest.approx(design.value, rel=1e-9)
+        design = conditioning_index(DESIGN, Pose(0.0, y, theta))
+        scaled = conditioning_index(geometry, Pose(0.0, scale * y, theta))
+        assert scaled == pytest.approx(design, rel=1e-9)

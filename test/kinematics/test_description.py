@@ -55,51 +55,59 @@ def read(geometry: Geometry, head: Pose):
 
 
 def pose_of(matrix) -> Pose:
-    return Pose(matrix[0, 3], matrix[1, 3], math.atan2(matrix[1, 0], matrix[0, 0]))
+    yaw = math.atan2(matrix[1, 0], matrix[0, 0])
+    return Pose(matrix[0, 3], matrix[1, 3], yaw)
 
 
 @pytest.mark.parametrize('geometry', [DESIGN, MADE], ids=['drawn', 'made'])
 @given(head=workspace_poses())
 def test_urdf_has_a_head_and_closed_loops(geometry, head):
     manager = read(geometry, head)
-    found, platform, *links = (
-        pose_of(manager.get_transform(f'gondola_1/{name}', 'gondola_1/rail'))
-        for name in ('end_effector', 'platform', 'link_1', 'link_2')
-    )
-    assert found == pytest.approx(head, abs=WITHIN)
+
+    def on_rail(name):
+        return pose_of(manager.get_transform(f'gondola_1/{name}', 'gondola_1/rail'))
+
+    assert on_rail('end_effector') == pytest.approx(head, abs=WITHIN)
+    platform = on_rail('platform')
+    links = (on_rail('link_1'), on_rail('link_2'))
     for link, length, side, half in zip(
         links, geometry.link_lengths, (-1.0, 1.0), geometry.half_lengths, strict=True
     ):
-        assert compose(link, Pose(length, 0.0, 0.0))[:2] == pytest.approx(
-            compose(platform, Pose(side * half, 0.0, 0.0))[:2], abs=WITHIN
-        )
+        end_of_link = compose(link, Pose(length, 0.0, 0.0))
+        joint = compose(platform, Pose(side * half, 0.0, 0.0))
+        assert end_of_link[:2] == pytest.approx(joint[:2], abs=WITHIN)
 
 
 @pytest.mark.parametrize('geometry', [DESIGN, MADE], ids=['drawn', 'made'])
 def test_stroke_limits_and_boxes_have_the_lengths_of_parts(geometry):
     root = ElementTree.fromstring(urdf(geometry))
     for name, offset in zip(AXIS_NAMES, geometry.carriage_offsets, strict=True):
-        bounds = root.find(f"joint[@name='{name}']/limit")
-        assert [float(bounds.get(end)) for end in ('lower', 'upper')] == [
-            end + offset for end in geometry.stroke
-        ]
+        limit = root.find(f"joint[@name='{name}']/limit")
+        lower, upper = geometry.stroke
+        assert float(limit.get('lower')) == lower + offset
+        assert float(limit.get('upper')) == upper + offset
     half_1, half_2 = geometry.half_lengths
+    length_1, length_2 = geometry.link_lengths
     # length of a carriage, which is the minimum distance of neighbours
     half = 0.5 * geometry.carriage_gap
     ends = {
         'rail': geometry.stroke,
         'platform': (-half_1, half_2),
-        **{f'link_{n}': (0.0, geometry.link_lengths[n - 1]) for n in (1, 2)},
-        **{f'carriage_{n}': (-half, half) for n in (1, 2, 3)},
+        'link_1': (0.0, length_1),
+        'link_2': (0.0, length_2),
     }
+    for number in (1, 2, 3):
+        ends[f'carriage_{number}'] = (-half, half)
     links = {link.get('name'): link for link in root.iter('link')}
     assert links.keys() == {*ends, 'slider', 'end_effector'}
     for name, expected in ends.items():
-        length = float(links[name].find('visual/geometry/box').get('size').split()[0])
+        box = links[name].find('visual/geometry/box')
+        length = float(box.get('size').split()[0])
         origin = links[name].find('visual/origin')
         x, y, z = map(float, origin.get('xyz').split())
         turn = geometry.rail_angle if name == 'rail' else 0.0
-        assert [*map(float, origin.get('rpy').split())] == [0.0, 0.0, turn]
+        angles = [float(angle) for angle in origin.get('rpy').split()]
+        assert angles == [0.0, 0.0, turn]
         assert (x - 0.5 * length, x + 0.5 * length) == pytest.approx(expected)
         assert y == 0.0
         assert z == 0.0

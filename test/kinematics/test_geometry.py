@@ -8,9 +8,8 @@ from facade_manipulator.parameters import from_mapping
 
 
 def test_geometry_accepts_integers_and_zero_gap():
-    assert Geometry(stroke=(-1, 1), carriage_gap=0) == Geometry(
-        stroke=(-1.0, 1.0), carriage_gap=0.0
-    )
+    with_integers = Geometry(stroke=(-1, 1), carriage_gap=0)
+    assert with_integers == Geometry(stroke=(-1.0, 1.0), carriage_gap=0.0)
 
 
 @pytest.mark.parametrize(

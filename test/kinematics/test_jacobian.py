@@ -27,20 +27,17 @@ def paper_matrices(geometry, pose):
     y = pose.y
     p = q1 - q3
     r = q2 - q3
-    a = np.array(
-        [
-            [2 * b * c + 2 * p, 0.0, -2 * b * c - 2 * p],
-            [0.0, 2 * b * c - 2 * r, -2 * b * c + 2 * r],
-            [0.0, 0.0, 1.0],
-        ]
-    )
-    return a, np.array(
-        [
-            [0.0, 2 * b * s - 2 * y, 2 * b * s * p + 2 * b * y * c],
-            [0.0, 2 * b * s + 2 * y, 2 * b * s * r + 2 * b * y * c],
-            [1.0, 0.0, 0.0],
-        ]
-    )
+    first = 2 * b * c + 2 * p
+    second = 2 * b * c - 2 * r
+    a = np.zeros((3, 3))
+    a[0] = (first, 0.0, -first)
+    a[1] = (0.0, second, -second)
+    a[2] = (0.0, 0.0, 1.0)
+    matrix_b = np.zeros((3, 3))
+    matrix_b[0] = (0.0, 2 * b * s - 2 * y, 2 * b * s * p + 2 * b * y * c)
+    matrix_b[1] = (0.0, 2 * b * s + 2 * y, 2 * b * s * r + 2 * b * y * c)
+    matrix_b[2] = (1.0, 0.0, 0.0)
+    return a, matrix_b
 
 
 @given(regular_poses())
@@ -51,10 +48,13 @@ def test_jacobian_equals_eqs_15_and_16(drawn):
     number = parallel_singularity(geometry, pose)
     *_, s1, s2 = links(geometry, pose)
     half = geometry.platform_half_length
-    assert np.allclose(matrix, np.linalg.solve(a, b), rtol=1e-9, atol=1e-9)
+    expected = np.linalg.solve(a, b)
+    assert np.allclose(matrix, expected, rtol=1e-9, atol=1e-9)
     assert np.linalg.det(a) == pytest.approx(4.0 * s1 * s2, rel=1e-9)
-    assert np.linalg.det(b) == pytest.approx(-4.0 * half * number, rel=1e-9, abs=1e-12)
-    assert np.linalg.det(matrix) == pytest.approx(-half * number / (s1 * s2), rel=1e-7)
+    serial = -4.0 * half * number
+    assert np.linalg.det(b) == pytest.approx(serial, rel=1e-9, abs=1e-12)
+    quotient = -half * number / (s1 * s2)
+    assert np.linalg.det(matrix) == pytest.approx(quotient, rel=1e-7)
 
 
 @given(workspace_poses(Geometry(carriage_gap=0.0)))
@@ -70,15 +70,18 @@ def test_jacobian_beyond_reach_is_rejected():
             function(DESIGN, Pose(0.0, 0.2, math.nan))
 
 
+def weighted_norm(matrix):
+    """Return the Frobenius norm of a matrix with the weight 1/3."""
+    return math.sqrt(np.trace(matrix.T @ matrix) / 3.0)
+
+
 @given(regular_poses(), st.floats(1e-3, 2.0), st.floats(-0.3, 0.3))
 def test_conditioning_index_equals_the_matrix_formula(drawn, length, shift):
     geometry, pose = drawn
     matrix = jacobian(geometry, pose) / [1.0, 1.0, length]
-    norms = [
-        math.sqrt(np.trace(m.T @ m) / 3.0) for m in (matrix, np.linalg.inv(matrix))
-    ]
+    product = weighted_norm(matrix) * weighted_norm(np.linalg.inv(matrix))
     index = local_conditioning_index(geometry, pose, length)
-    assert index == pytest.approx(1.0 / math.prod(norms), rel=1e-7)
+    assert index == pytest.approx(1.0 / product, rel=1e-7)
     moved = pose._replace(x=pose.x + shift)
     mirrored = pose._replace(theta=-pose.theta)
     assert local_conditioning_index(geometry, moved, length) == index

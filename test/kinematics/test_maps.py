@@ -31,20 +31,18 @@ def scalar(function, *arguments):
     st.lists(st.floats(-1.5, 1.5), min_size=1, max_size=5),
 )
 def test_maps_equal_the_scalar_functions(geometry, y, theta):
-    of = pose_map(geometry, np.array(y)[:, None], np.array(theta), 0.348)
+    rows = np.array(y)[:, None]
+    of = pose_map(geometry, rows, np.array(theta), 0.348)
     for row, column in np.ndindex(len(y), len(theta)):
         pose = Pose(0.0, y[row], theta[column])
-        assert of.conditioning[row, column] == pytest.approx(
-            scalar(local_conditioning_index, geometry, pose, 0.348),
-            rel=1e-9,
-            nan_ok=True,
-        )
-        assert of.number[row, column] == pytest.approx(
-            scalar(parallel_singularity, geometry, pose), abs=1e-12, nan_ok=True
-        )
-    assert np.array_equal(
-        of.lower, x_intervals(geometry, np.array(y)[:, None], theta)[0], equal_nan=True
-    )
+        index = scalar(local_conditioning_index, geometry, pose, 0.348)
+        number = scalar(parallel_singularity, geometry, pose)
+        same_index = pytest.approx(index, rel=1e-9, nan_ok=True)
+        same_number = pytest.approx(number, abs=1e-12, nan_ok=True)
+        assert of.conditioning[row, column] == same_index
+        assert of.number[row, column] == same_number
+    lower, _ = x_intervals(geometry, rows, theta)
+    assert np.array_equal(of.lower, lower, equal_nan=True)
     assert (of.width >= 0.0).all()
 
 
@@ -53,16 +51,12 @@ def test_interval_of_x_ends_where_certify_rejects(geometry, up, theta):
     y = up * geometry.link_length
     (lower,), (upper,) = x_intervals(geometry, y, theta)
     if math.isnan(lower):
-        assert not any(
-            passes(certify, geometry, Pose(x, y, theta), 0.0)
-            for x in np.linspace(-0.6, 0.6, 31)
-        )
+        for x in np.linspace(-0.6, 0.6, 31):
+            assert not passes(certify, geometry, Pose(x, y, theta), 0.0)
     else:
-        ends = (
-            inverse_kinematics(geometry, Pose(lower, y, theta)).q1,
-            inverse_kinematics(geometry, Pose(upper, y, theta)).q2,
-        )
-        assert ends == pytest.approx(geometry.stroke)
+        left = inverse_kinematics(geometry, Pose(lower, y, theta)).q1
+        right = inverse_kinematics(geometry, Pose(upper, y, theta)).q2
+        assert (left, right) == pytest.approx(geometry.stroke)
 
 
 @pytest.mark.parametrize('length', [0.0, -1.0, math.nan, math.inf])

@@ -41,8 +41,8 @@ def errors(size, count):
 @st.composite
 def machines(draw):
     """Draw a machine, nominal or with a few times the errors of a workshop, and a pose."""
-    machine = Mechanism(
-        Geometry(
+    if draw(st.booleans()):
+        geometry = Geometry(
             carriage_gap=0.0,
             stroke=(-0.6, 0.6),
             link_errors=draw(errors(2e-3, 2)),
@@ -51,9 +51,9 @@ def machines(draw):
             rail_angle=draw(st.floats(-0.02, 0.02)),
             tool=draw(errors(0.05, 3)),
         )
-        if draw(st.booleans())
-        else DESIGN
-    )
+    else:
+        geometry = DESIGN
+    machine = Mechanism(geometry)
     pose = machine.head(draw(workspace_poses(NO_GAP)))
     assume(passes(machine.certify, pose))
     return machine, pose
@@ -89,29 +89,27 @@ def test_jacobian_is_the_derivative_of_inverse_kinematics(drawn):
     matrix = machine.jacobian(pose)
     assume(abs(matrix).max() < 20.0)
     for column, unit in zip(matrix.T, np.eye(3), strict=True):
-        ahead, back = (
-            np.array(
-                machine.inverse_kinematics(Pose(*(np.array(pose) + sign * step * unit)))
-            )
-            for sign in (1.0, -1.0)
+        ahead = Pose(*(pose + step * unit))
+        back = Pose(*(pose - step * unit))
+        change = np.subtract(
+            machine.inverse_kinematics(ahead), machine.inverse_kinematics(back)
         )
-        assert column == pytest.approx(
-            (ahead - back) / (2.0 * step), rel=3e-4, abs=3e-4
-        )
+        slope = change / (2.0 * step)
+        assert column == pytest.approx(slope, rel=3e-4, abs=3e-4)
 
 
 @given(machines(), forces, rates)
 def test_carriage_velocity_and_force_match_the_head(drawn, wrench, velocity):
     machine, pose = drawn
     matrix = machine.jacobian(pose)
-    assert machine.carriage_velocity(pose, Twist(*velocity)) == pytest.approx(
-        matrix @ velocity, abs=1e-9 * (1.0 + np.abs(matrix).max())
-    )
+    moved = matrix @ velocity
+    tolerance = 1e-9 * (1.0 + np.abs(matrix).max())
+    found = machine.carriage_velocity(pose, Twist(*velocity))
+    assert found == pytest.approx(moved, abs=tolerance)
     assume(np.linalg.cond(matrix) < 1e3)
     needed = machine.carriage_forces(pose, wrench)
-    assert np.dot(needed, matrix @ velocity) == pytest.approx(
-        np.dot(wrench, velocity), abs=1e-7
-    )
+    power = np.dot(wrench, velocity)
+    assert np.dot(needed, moved) == pytest.approx(power, abs=1e-7)
     assert machine.end_effector_force(pose, needed) == pytest.approx(wrench, abs=1e-7)
 
 
@@ -123,10 +121,12 @@ def test_inverse_kinematics_keeps_the_measured_lengths(drawn):
     q1, q2, q3 = machine.on_rail(machine.inverse_kinematics(pose))
     l1, l2 = geometry.link_lengths
     b1, b2 = geometry.half_lengths
-    sine = math.sin(theta)
-    cosine = math.cos(theta)
-    assert math.hypot(x - b1 * cosine - q1, y - b1 * sine) == pytest.approx(l1)
-    assert math.hypot(x + b2 * cosine - q2, y + b2 * sine) == pytest.approx(l2)
+    rise_1 = b1 * math.sin(theta)
+    rise_2 = b2 * math.sin(theta)
+    span_1 = b1 * math.cos(theta)
+    span_2 = b2 * math.cos(theta)
+    assert math.hypot(x - span_1 - q1, y - rise_1) == pytest.approx(l1)
+    assert math.hypot(x + span_2 - q2, y + rise_2) == pytest.approx(l2)
     assert q3 == pytest.approx(x, abs=1e-14)
 
 
@@ -136,9 +136,8 @@ def test_vanishing_errors_give_the_nominal_kinematics(pose):
     drawing = Mechanism(DESIGN)
     almost = Mechanism(Geometry(tool=(1e-300, 0.0, 0.0)))
     assert almost.certify(pose) == pytest.approx(drawing.certify(pose), abs=1e-14)
-    assert almost.jacobian(pose) == pytest.approx(
-        jacobian(DESIGN, pose), rel=1e-12, abs=1e-12
-    )
+    nominal = jacobian(DESIGN, pose)
+    assert almost.jacobian(pose) == pytest.approx(nominal, rel=1e-12, abs=1e-12)
 
 
 def made(**given):
@@ -148,10 +147,12 @@ def made(**given):
 def test_each_calibration_error_moves_the_head():
     at = made().inverse_kinematics(HEAD)
     moved = made(carriage_offsets=(1e-3, 1e-3, 1e-3)).forward_kinematics(at)
-    assert moved == pytest.approx((HEAD.x + 1e-3, HEAD.y, HEAD.theta), abs=1e-12)
+    expected = (HEAD.x + 1e-3, HEAD.y, HEAD.theta)
+    assert moved == pytest.approx(expected, abs=1e-12)
     turned = made(rail_angle=0.1).forward_kinematics(at)
     assert turned.theta == pytest.approx(HEAD.theta + 0.1)
-    assert math.hypot(turned.x, turned.y) == pytest.approx(math.hypot(HEAD.x, HEAD.y))
+    distance = math.hypot(HEAD.x, HEAD.y)
+    assert math.hypot(turned.x, turned.y) == pytest.approx(distance)
     ahead = made(tool=(0.0, 0.08, 0.0)).forward_kinematics(at)
     assert ahead.y == pytest.approx(HEAD.y + 0.08 * math.cos(HEAD.theta))
 

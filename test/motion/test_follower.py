@@ -6,6 +6,7 @@ import math
 from cycle_checks import differences, require_limits
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+import numpy as np
 import pytest
 
 from facade_manipulator.drives.guard import MechanismCheck
@@ -32,6 +33,16 @@ def inside(*path):
             raise StrokeLimitError('q', q, math.copysign(0.5, q), 'm', 'above')
 
 
+class ReplaceableCheck:
+    """Check of a path that a test replaces during the motion."""
+
+    def __init__(self):
+        self.check = inside
+
+    def __call__(self, *path):
+        self.check(*path)
+
+
 def follower(check=inside, start=HOME, period=PERIOD, limits=LIMITS, **stream):
     made = SetpointFollower(StreamSettings(**stream), limits, period, check)
     made.reset(start)
@@ -41,7 +52,8 @@ def follower(check=inside, start=HOME, period=PERIOD, limits=LIMITS, **stream):
 def sine(time, amplitude=0.05):
     wave = amplitude * math.sin(time)
     rate = amplitude * math.cos(time)
-    return Setpoint(time, (HOME[0] + wave, HOME[1] + wave, HOME[2]), (rate, rate, 0.0))
+    position = (HOME[0] + wave, HOME[1] + wave, HOME[2])
+    return Setpoint(time, position, (rate, rate, 0.0))
 
 
 def run(made, start, end, stream=sine, *allowed):
@@ -86,11 +98,8 @@ def test_mean_velocities_smoothed_by_later_setpoints_avoid_jerk(ahead, is_smooth
         if cycle % 5 == 0:
             here = sine(now + ahead, 0.2)
             before = sine(now + ahead - PERIOD, 0.2)
-            mean = tuple(
-                (b - a) / PERIOD
-                for a, b in zip(before.position, here.position, strict=True)
-            )
-            made.add(here._replace(velocity=mean), now)
+            mean = np.subtract(here.position, before.position) / PERIOD
+            made.add(here._replace(velocity=tuple(mean.tolist())), now)
         made.sample(now + LEAD)
         counts.append(made.limited_cycles)
     assert (counts[-1] == counts[500]) is is_smooth
@@ -146,9 +155,8 @@ def test_later_setpoints_replace_setpoints_far_ahead(strays):
         now = cycle * PERIOD
         if cycle in strays:
             stray = sine(now + 0.5)
-            made.add(
-                stray._replace(position=tuple(q + 0.02 for q in stray.position)), now
-            )
+            position = tuple(q + 0.02 for q in stray.position)
+            made.add(stray._replace(position=position), now)
         (position,) = run(made, now, now + PERIOD)
         assert cycle <= 30 or position == pytest.approx(
             sine(now + LEAD).position, abs=1e-4
@@ -217,11 +225,11 @@ def test_bad_setpoint_is_rejected_and_changes_nothing(setpoint, reason, message)
     with pytest.raises(ManipulatorError, match=message) as rejection:
         made.add(setpoint, 2.0)
     assert rejection.value.reason == reason
-    after = [
-        run(one, 2.01, 2.5, lambda time: sine(time - 2.04)._replace(time=time))
-        for one in (made, unchanged)
-    ]
-    assert after[0] == after[1]
+
+    def later(time):
+        return sine(time - 2.04)._replace(time=time)
+
+    assert run(made, 2.01, 2.5, later) == run(unchanged, 2.01, 2.5, later)
 
 
 @pytest.mark.parametrize('speed', [0.01, 0.5, 5.0])
@@ -242,9 +250,9 @@ def test_velocities_to_twice_the_speed_limit_are_accepted(speed):
 def test_possible_motion_with_mean_velocities_is_accepted(
     amplitude, rate, interval, backlash
 ):
-    share = min(
-        1.0, 0.5 / max(amplitude * rate, 1e-9), 3.0 / max(amplitude * rate**2, 1e-9)
-    )
+    by_speed = 0.5 / max(amplitude * rate, 1e-9)
+    by_acceleration = 3.0 / max(amplitude * rate**2, 1e-9)
+    share = min(1.0, by_speed, by_acceleration)
 
     def at(time):
         position = HOME[0] + share * amplitude * math.sin(rate * time)
@@ -254,7 +262,8 @@ def test_possible_motion_with_mean_velocities_is_accepted(
     for number in range(1, 100):
         now = number * interval
         mean = (at(now) - at(now - interval)) / interval if number > 1 else 0.0
-        made.add(Setpoint(now, (at(now), *HOME[1:]), (mean, 0.0, 0.0)), now)
+        position = (at(now), *HOME[1:])
+        made.add(Setpoint(now, position, (mean, 0.0, 0.0)), now)
 
 
 @pytest.mark.parametrize('interval', [0.01, 0.03, 0.1])
@@ -267,7 +276,8 @@ def test_velocity_contradicting_constant_positions_moves_little(interval, veloci
         if cycle % round(interval / PERIOD) == 0:
             with suppress(ManipulatorError):
                 made.add(Setpoint(now + 0.03, HOME, (0.0, velocity, 0.0)), now)
-        farthest = max(farthest, abs(made.sample(now + LEAD)[1] - HOME[1]))
+        commanded = made.sample(now + LEAD)[1]
+        farthest = max(farthest, abs(commanded - HOME[1]))
     # 0.15 m/s are possible if setpoints arrive every 0.1 s, the longest interval without a brake
     most = 0.5 * LIMITS.acceleration * 0.1
     silence = 0.1
@@ -355,9 +365,8 @@ def keeps_gap(*path):
 
 
 numbers = st.floats() | st.floats(-1.0, 1.0)
-hostile = st.builds(
-    Setpoint, numbers, st.tuples(*[numbers] * 3), st.tuples(*[numbers] * 3)
-)
+triples = st.tuples(numbers, numbers, numbers)
+hostile = st.builds(Setpoint, numbers, triples, triples)
 
 
 @given(
@@ -373,9 +382,8 @@ def test_every_path_to_rest_keeps_gap_and_limits(swing, rate, phase, gaps, stray
     def approach(time):  # the carriages oscillate, two of them against each other
         way = swing * (math.sin(rate * time + phase) - math.sin(phase))
         speed = swing * rate * math.cos(rate * time + phase)
-        return Setpoint(
-            time, (-0.03 + way, 0.1, -0.5 * way), (speed, 0.0, -0.5 * speed)
-        )
+        position = (-0.03 + way, 0.1, -0.5 * way)
+        return Setpoint(time, position, (speed, 0.0, -0.5 * speed))
 
     commanded = [made.motion.position] * 3
     for cycle in range(150):
@@ -392,19 +400,18 @@ def test_every_path_to_rest_keeps_gap_and_limits(swing, rate, phase, gaps, stray
     require_limits(commanded, LIMITS, PERIOD)
 
 
-lowered = st.builds(
-    lambda speed, acceleration, ramp: MotionLimits(
-        speed, acceleration, acceleration / ramp
-    ),
-    st.floats(0.01, 0.5),
-    st.floats(0.1, 3.0),
-    st.floats(0.02, 1.0),
-)
+@st.composite
+def lowered(draw):
+    """Draw limits and the time [s] in which the acceleration rises to its limit."""
+    speed = draw(st.floats(0.01, 0.5))
+    acceleration = draw(st.floats(0.1, 3.0))
+    ramp = draw(st.floats(0.02, 1.0))
+    return MotionLimits(speed, acceleration, acceleration / ramp)
 
 
 @pytest.mark.long
 @settings(max_examples=25)
-@given(st.floats(0.01, 1.2), lowered)
+@given(st.floats(0.01, 1.2), lowered())
 @example(0.1, MotionLimits(0.2, 1.0, 3.0))  # the carriages still accelerate
 @example(0.12, MotionLimits(0.5, 3.0, 5.0))
 def test_lowered_limits_never_accelerate_nor_leave_the_stroke(time, limits):
@@ -419,7 +426,8 @@ def test_lowered_limits_never_accelerate_nor_leave_the_stroke(time, limits):
     to_rest = run(unchanged, round(time / PERIOD) * PERIOD, time + 0.4, stream=None)
     made.change_limits(limits)
     after = run(made, round(time / PERIOD) * PERIOD, time + 2.0, towards_the_border)
-    most = max(limits.speed, differences([*before[-2:], *to_rest], PERIOD)[0])
+    (fastest, *_) = differences([*before[-2:], *to_rest], PERIOD)
+    most = max(limits.speed, fastest)
     assert differences([*before[-1:], *after], PERIOD)[0] <= most + 1e-6
     assert differences(after[40:], PERIOD)[0] <= limits.speed + 1e-6
     inside(*after)
@@ -438,34 +446,38 @@ def test_held_commands_continue_with_the_velocity_after_braking(held):
     made.wait(pause)
     after = run(made, pause, pause + 1.5, fast)
     left = max(0.0, speed - LIMITS.acceleration * pause)
-    assert (
-        0.0 <= after[0][0] - before[0] <= (left + 0.01 * LIMITS.jerk * PERIOD) * PERIOD
-    )
-    start = tuple(
-        p - left * PERIOD * share for p, share in zip(before, (1, 1, 0), strict=True)
-    )
+    farthest = (left + 0.01 * LIMITS.jerk * PERIOD) * PERIOD
+    assert 0.0 <= after[0][0] - before[0] <= farthest
+    moved = left * PERIOD
+    start = (before[0] - moved, before[1] - moved, before[2])
     require_limits([start, before, *after], LIMITS, PERIOD)
     assert after[-1] == pytest.approx(fast(pause + 1.51).position, abs=1e-6)
+
+
+def lower_the_limits(made, _):
+    made.change_limits(replace(LIMITS, speed=0.01))
+
+
+def reject_every_path(_, check):
+    check.check = reject
 
 
 @pytest.mark.parametrize(
     ('begin', 'cause'),
     [
-        (lambda made: made.hold(), 'the driver ended the stream of setpoints'),
-        (lambda made: None, 'no setpoint was received'),
-        (
-            lambda made: made.change_limits(replace(LIMITS, speed=0.01)),
-            'faster than the lowered limits',
-        ),
-        (lambda made: setattr(made, '_check', reject), 'no path'),
+        (lambda made, _: made.hold(), 'the driver ended the stream of setpoints'),
+        (lambda made, _: None, 'no setpoint was received'),
+        (lower_the_limits, 'faster than the lowered limits'),
+        (reject_every_path, 'no path'),
     ],
 )
 def test_last_brake_names_the_cause_of_each_brake(begin, cause):
-    made = follower()
+    check = ReplaceableCheck()
+    made = follower(check)
     made.last_brake = 'an earlier brake'
     run(made, -0.5, 0.0)
     assert made.activity is Activity.FOLLOWING
-    begin(made)
+    begin(made, check)
     for cycle in range(30):
         run(made, cycle * PERIOD, (cycle + 1) * PERIOD, None)
         if made.activity is Activity.BRAKING:
@@ -487,9 +499,10 @@ def test_carriages_brake_before_a_place_with_a_lower_speed():
 
 
 def test_held_commands_without_path_end_at_rest():
-    made = follower()
+    check = ReplaceableCheck()
+    made = follower(check)
     run(made, -0.5, 0.0)
-    made._check = reject
+    check.check = reject
     for _ in range(2):
         made.wait(PERIOD)
         assert made.at_rest

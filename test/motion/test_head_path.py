@@ -16,7 +16,8 @@ from facade_manipulator.motion.head_path import (
 )
 
 SETTINGS = ReferenceSettings()
-poses = st.builds(Pose, st.floats(-0.3, 0.3), st.floats(0.1, 0.3), st.floats(-0.3, 0.3))
+angles = st.floats(-0.3, 0.3)
+poses = st.builds(Pose, st.floats(-0.3, 0.3), st.floats(0.1, 0.3), angles)
 
 
 def planned(start, goal):
@@ -37,14 +38,17 @@ def test_path_joins_start_and_goal_inside_the_limits(start, goal):
     assert end.position == pytest.approx(tuple(goal), abs=1e-8)
     assert end == HeadMotion(end.position)  # exactly
     times = np.linspace(100.0, reference.arrival(), 300)
-    _, speeds, accelerations = np.moveaxis([reference.at(time) for time in times], 1, 0)
-    jerks = np.diff(accelerations, axis=0) / np.maximum(np.diff(times), 1e-9)[:, None]
+    motions = [reference.at(time) for time in times]
+    _, speeds, accelerations = np.moveaxis(motions, 1, 0)
+    intervals = np.maximum(np.diff(times), 1e-9)
+    jerks = np.diff(accelerations, axis=0) / intervals[:, None]
     for found, limit in (
         (speeds, SETTINGS.speed),
         (accelerations, SETTINGS.acceleration),
         (jerks, SETTINGS.jerk),
     ):
-        assert (abs(found).max(axis=0) <= np.array(limit) * (1 + 1e-6)).all()
+        largest = abs(found).max(axis=0)
+        assert (largest <= np.array(limit) * (1 + 1e-6)).all()
 
 
 def test_path_exists_for_every_whole_millimetre():
@@ -69,9 +73,8 @@ def test_path_from_rest_is_straight(before, start, goal):
     for share in (0.2, 0.5, 0.8):
         time = begin + share * (reference.arrival() - begin)
         gone = np.subtract(reference.at(time).position, start)
-        assert gone == pytest.approx(
-            way * (gone @ way) / max(way @ way, 1e-30), abs=1e-6
-        )
+        along = way * (gone @ way) / max(way @ way, 1e-30)
+        assert gone == pytest.approx(along, abs=1e-6)
 
 
 @given(poses, poses, poses | st.none(), st.floats(0.05, 0.95))
@@ -90,9 +93,9 @@ def test_new_goal_or_stop_keeps_the_motion_continuous(start, goal, other, share)
 
 
 def test_turn_takes_the_shorter_way():
-    reference = planned(
-        Pose(0.0, 0.25, math.radians(175)), Pose(0.0, 0.25, math.radians(-175))
-    )
+    start = Pose(0.0, 0.25, math.radians(175))
+    goal = Pose(0.0, 0.25, math.radians(-175))
+    reference = planned(start, goal)
     assert end_of(reference).position.theta == pytest.approx(math.radians(185))
 
 

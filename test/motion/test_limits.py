@@ -54,12 +54,14 @@ def test_targets_and_stops_keep_speed_acceleration_and_jerk(steps):
             require_limits(positions_of([*motions[-4:], *stop]), LIMITS, PERIOD, 1e-6)
             continue
         if kind == 'near':  # a target within or just beyond the limits
-            velocity = np.clip(np.add(velocity, 0.0315 * np.array(push)), -0.52, 0.52)
+            change = 0.0315 * np.array(push)
+            velocity = np.clip(velocity + change, -0.52, 0.52)
             target = np.add(target, PERIOD * velocity)
         else:
             target = 0.4 * np.array(place)
             velocity = 2.0 * np.array(push)
-        motions.append(follow(limiter, motions[-1], target.tolist(), velocity.tolist()))
+        motion = follow(limiter, motions[-1], target.tolist(), velocity.tolist())
+        motions.append(motion)
         stop = path_to_rest(limiter, motions[-1])
         assert len(stop) < 100
         assert [*motions, *stop][-1].at_rest
@@ -67,7 +69,8 @@ def test_targets_and_stops_keep_speed_acceleration_and_jerk(steps):
 
 
 def test_reversing_carriage_is_not_at_rest():
-    turning = CarriageMotion((0.0,) * 3, (0.0,) * 3, (3.0, 0.0, 0.0))
+    at_origin = (0.0, 0.0, 0.0)
+    turning = CarriageMotion(at_origin, at_origin, (3.0, 0.0, 0.0))
     assert not turning.at_rest
     assert path_to_rest(PathLimiter(LIMITS, PERIOD), turning)
 
@@ -79,7 +82,8 @@ def test_chase_from_rest_is_straight():
     for _ in range(200):
         motion = follow(limiter, motion, target, (0.0, 0.0, 0.0))
         x, y, z = motion.position
-        assert (y, z) == pytest.approx((-0.5 * x, 0.25 * x), abs=1e-9)
+        assert y == pytest.approx(-0.5 * x, abs=1e-9)
+        assert z == pytest.approx(0.25 * x, abs=1e-9)
     assert motion.position == pytest.approx(target, abs=1e-12)
     assert motion.at_rest
 

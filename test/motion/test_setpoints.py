@@ -22,19 +22,17 @@ def fixture_stream():
 
 def along(time: float) -> Pose:
     """Return the pose of a smooth path of the head at a time [s]."""
-    return Pose(
-        0.1 * np.sin(2.0 * time), 0.25 + 0.02 * np.cos(3.0 * time), 0.1 * np.sin(time)
-    )
+    y = 0.25 + 0.02 * np.cos(3.0 * time)
+    return Pose(0.1 * np.sin(2.0 * time), y, 0.1 * np.sin(time))
 
 
 @given(triples, triples, intervals)
 def test_extrapolation_continues_with_a_confirmed_velocity(position, velocity, ahead):
     last = Setpoint(7.0, position, velocity)
-    found = setpoints.extrapolate([last, last], 7.0 + ahead)
-    assert found == (
-        pytest.approx(np.array(position) + ahead * np.array(velocity)),
-        velocity,
-    )
+    reached, speed = setpoints.extrapolate([last, last], 7.0 + ahead)
+    expected = np.array(position) + ahead * np.array(velocity)
+    assert reached == pytest.approx(expected)
+    assert speed == velocity
     assert setpoints.extrapolate([last], 7.0 + ahead) == (position, (0.0, 0.0, 0.0))
 
 
@@ -44,17 +42,18 @@ def test_interpolation_is_the_cubic_through_two_setpoints(ends, interval, share)
     end = 3.0 + interval
     spline = CubicHermiteSpline([3.0, end], [p, q], [v, w])
     time = 3.0 + share * interval
-    found = setpoints.interpolate(
-        (3.0, Setpoint(3.0, p, v)), (end, Setpoint(end, q, w)), time
-    )
-    np.testing.assert_allclose(found, [spline(time), spline(time, 1)], atol=1e-6)
+    first = (3.0, Setpoint(3.0, p, v))
+    second = (end, Setpoint(end, q, w))
+    found = setpoints.interpolate(first, second, time)
+    expected = [spline(time), spline(time, 1)]
+    np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize('begin', np.linspace(0.0, 6.0, 31))
 def test_setpoint_velocity_equals_the_carriage_velocity(stream, begin):
-    before, after = (
-        stream.setpoint(time, along(time)) for time in (begin, begin + 1e-4)
-    )
+    end = begin + 1e-4
+    before = stream.setpoint(begin, along(begin))
+    after = stream.setpoint(end, along(end))
     moved = np.subtract(after.position, before.position)
     np.testing.assert_allclose(after.velocity, moved / 1e-4, atol=1e-3)
 
@@ -79,10 +78,11 @@ def test_rejected_pose_leaves_the_stream_unchanged(stream):
 def test_path_includes_both_ends_and_keeps_the_spacing(stream, spacing, goal):
     path = stream.path(HOME, goal, spacing)
     mechanism = stream.mechanism
-    ends = [mechanism.certify(end, 0.0) for end in (HOME, goal)]
-    assert [path[0], path[-1]] == [pytest.approx(tuple(end)) for end in ends]
+    assert path[0] == pytest.approx(tuple(mechanism.certify(HOME, 0.0)))
+    assert path[-1] == pytest.approx(tuple(mechanism.certify(goal, 0.0)))
     heads = np.array([mechanism.forward_kinematics(point) for point in path])
-    assert np.hypot(*np.diff(heads[:, :2], axis=0).T).max() <= spacing + 1e-9
+    steps = np.diff(heads[:, :2], axis=0)
+    assert np.hypot(*steps.T).max() <= spacing + 1e-9
 
 
 @pytest.mark.parametrize('spacing', [-0.001, float('nan'), float('inf'), 1e-9, 5e-324])

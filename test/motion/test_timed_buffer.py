@@ -20,9 +20,8 @@ def test_buffered_values_are_found_by_time(times, time):
         before = buffer.newest(99)
         buffer.append(stamp, -stamp)
         assert before == tuple(kept)
-        kept = [item for item in kept if stamp - KEPT_TIME <= item[0] < stamp] + [
-            (stamp, -stamp)
-        ]
+        kept = [item for item in kept if stamp - KEPT_TIME <= item[0] < stamp]
+        kept.append((stamp, -stamp))
     index = bisect_right([stamp for stamp, _ in kept], time)
     items = [None, *kept, None]
     assert buffer.newest(99) == tuple(kept)

@@ -47,7 +47,10 @@ def test_path_is_found_where_ruckig_reports_errors(
     position, velocity, acceleration, goal, limits
 ):
     start = [[value, 0.0, 0.0] for value in (position, velocity, acceleration)]
-    path = plan_trajectory(start, [goal, 0.0, 0.0], *([limit] * 3 for limit in limits))
+    speed, largest_acceleration, jerk = limits
+    path = plan_trajectory(
+        start, [goal, 0.0, 0.0], [speed] * 3, [largest_acceleration] * 3, [jerk] * 3
+    )
     assert end_of(path)[0] == pytest.approx([goal, 0.0, 0.0], abs=1e-8)
 
 
@@ -83,4 +86,5 @@ def test_goal_without_straight_path_gets_a_curved_path(monkeypatch):
 def test_negative_speed_limit_has_no_path():
     message = r'no jerk-limited path from .* to \[0.1, 0.1, 0.1\]$'
     with pytest.raises(ManipulatorError, match=message):
-        plan_trajectory([ZERO] * 3, [0.1] * 3, [-1.0] * 3, *LIMITS[1:])
+        negative = [-1.0, -1.0, -1.0]
+        plan_trajectory([ZERO] * 3, [0.1] * 3, negative, *LIMITS[1:])
