@@ -24,22 +24,19 @@ def textbook_response(bandwidth, frequency):
     """Return p, v/ω, a/ω² of the steady Kalman-Bucy filter for white jerk."""
     motion = np.diag([1.0, 1.0], 1)
     seen = np.array([[1.0, 0.0, 0.0]])
-    covariance = solve_continuous_are(
-        motion.T, seen.T, np.diag([0.0, 0.0, bandwidth**6]), np.eye(1)
-    )
+    jerk = np.diag([0.0, 0.0, bandwidth**6])
+    covariance = solve_continuous_are(motion.T, seen.T, jerk, np.eye(1))
     gain = covariance @ seen.T
-    state = np.linalg.solve(
-        2j * np.pi * frequency * np.eye(3) - motion + gain @ seen, gain
-    )
+    derivative = 2j * np.pi * frequency * np.eye(3)
+    state = np.linalg.solve(derivative - motion + gain @ seen, gain)
     return state[:, 0] / bandwidth ** np.arange(3.0)
 
 
 @pytest.mark.parametrize('frequency', [0.03, 0.3, 1.0, 4.0])
 def test_response_matches_the_kalman_bucy_filter(frequency):
     expected = [textbook_response(bandwidth, frequency) for bandwidth in BANDWIDTHS]
-    assert response(np.array([frequency]))[0] == pytest.approx(
-        np.array(expected), abs=1e-9
-    )
+    (found,) = response(np.array([frequency]))
+    assert found == pytest.approx(np.array(expected), abs=1e-9)
 
 
 def test_filter_bank_passes_a_sine_with_its_response():
@@ -48,10 +45,10 @@ def test_filter_bank_passes_a_sine_with_its_response():
     frequency = 0.3
     for time in interval * np.arange(1, 8001):
         bank.update(interval, np.array([np.cos(2.0 * np.pi * frequency * time)]))
-    wave = np.exp(
-        2j * np.pi * frequency * (time + 0.5 * interval)
-    )  # each holds before its time
-    expected = features((response(np.array([frequency])) * wave).real)
+    between = time + 0.5 * interval  # each estimate holds before its time
+    wave = np.exp(2j * np.pi * frequency * between)
+    sine = response(np.array([frequency])) * wave
+    expected = features(sine.real)
     for found, wanted in zip(bank.features(), expected, strict=True):
         assert found == pytest.approx(wanted, abs=5e-3)
 
@@ -76,10 +73,11 @@ def test_weights_before_learning_follow_the_prior():
     continuation = Continuation(1, NEAR)
     sway = sway_moments()
     continuation.solve(np.ones(1), NO_NOISE, NO_TONES)
-    expected = np.linalg.lstsq(sway.features, sway.moves[:, NEAR], rcond=None)[0]
-    assert sway.features @ continuation.weights[0] == pytest.approx(
-        sway.features @ expected, rel=1e-2, abs=1e-4
-    )
+    moves = sway.moves[:, NEAR]
+    expected, *_ = np.linalg.lstsq(sway.features, moves, rcond=None)
+    products = sway.features @ continuation.weights[0]
+    same = pytest.approx(sway.features @ expected, rel=1e-2, abs=1e-4)
+    assert products == same
 
 
 def only_noise():
@@ -98,10 +96,9 @@ def test_noise_gains_match_white_noise():
     for k in range(1000):
         bank.update(0.02, random.standard_normal(500))
         if k > 500 and k % 20 == 0:
-            seen.append(bank.features()[0])
-            errors.append(
-                bank.features()[1][:, None] + seen[-1] @ continuation.weights[0]
-            )
+            newest, error = bank.features()
+            seen.append(newest)
+            errors.append(error[:, None] + newest @ continuation.weights[0])
     moments = np.square(seen).mean(axis=(0, 1))
     assert moments == pytest.approx(0.02 * np.diag(noise_moments().features), rel=0.15)
     found = np.square(errors).mean(axis=(0, 1))
@@ -121,10 +118,12 @@ def learnt(seconds, weights, noise=0.0):
         if len(past) > 4:
             value += past[-5][0] @ weights
         forecast, zero = np.zeros((2, 1, len(HORIZONS)))
-        forecast[:, NEAR] = (past[-1][:, None] @ continuation.weights)[:, 0]
+        moves = past[-1][:, None] @ continuation.weights
+        forecast[:, NEAR] = moves[:, 0]
         positions.add(stamp, value, np.zeros(1), False)
         forecasts = np.stack((zero, forecast, zero))
-        continuation.add(Sample(stamp, 0.05, np.zeros(1), past[-1], forecasts))
+        sample = Sample(stamp, 0.05, np.zeros(1), past[-1], forecasts)
+        continuation.add(sample)
         continuation.learn(np.full(1, noise**2), positions)
     continuation.solve(NO_NOISE, NO_NOISE, NO_TONES)
     return continuation
@@ -136,12 +135,14 @@ def test_moves_that_follow_from_the_features_are_learnt():
     found = learnt(60, weights)
     assert found.weights[0, :, 3] == pytest.approx(weights[:, 0], abs=1e-3)
     assert np.abs(found.weights[0, :, 0]).max() < 0.5
-    assert found.variances[0, 3] == pytest.approx((weights**2).sum(), rel=0.5)
+    variance = (weights**2).sum()
+    assert found.variances[0, 3] == pytest.approx(variance, rel=0.5)
 
 
 @pytest.mark.long
 def test_estimate_noise_does_not_count_as_forecast_error():
-    assert learnt(200, np.zeros((FEATURES, 1)), 0.1).variances.max() < 0.4 * 0.1**2
+    found = learnt(200, np.zeros((FEATURES, 1)), 0.1)
+    assert found.variances.max() < 0.4 * 0.1**2
 
 
 @pytest.mark.long
@@ -155,12 +156,15 @@ def test_trust_is_the_right_share_of_the_step(share):
     for k in range(500):
         steps, zero = np.zeros((2, 1, len(HORIZONS)))
         steps[:, NEAR] = wave[k + 1 : k + 5]  # the next values, 0.05 s apart
-        positions.add(0.05 * k, share * wave[k : k + 1], np.zeros(1), False)
+        value = share * wave[k : k + 1]
+        positions.add(0.05 * k, value, np.zeros(1), False)
         forecasts = np.stack((zero, zero, steps))
         seen = np.zeros((1, FEATURES))
         continuation.add(Sample(0.05 * k, 0.05, np.zeros(1), seen, forecasts))
         continuation.learn(noise, positions)
     continuation.solve(np.ones(1), noise, tones)
-    assert continuation.trust == pytest.approx(np.full((1, 4), share), abs=1e-3)
-    gain = (1.0 - share) ** 2 * 1e-3 * only_noise().variances + share**2 * tones
+    expected = np.full((1, 4), share)
+    assert continuation.trust == pytest.approx(expected, abs=1e-3)
+    gain_of_noise = 1e-3 * only_noise().variances
+    gain = (1.0 - share) ** 2 * gain_of_noise + share**2 * tones
     assert (continuation.variances >= 0.99e-3 * gain).all()

@@ -21,9 +21,8 @@ NOW = 1000.0
 NOISE = (1e-6, 1e-6, 3e-6)
 LOST = (1.0, 1e-6, 1e-6)  # x is not known
 MOUNTING = (0.5, 0.3, 0.01)
-poses = st.builds(
-    Pose, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-0.5, 0.5)
-)
+places = st.floats(-1.0, 1.0)
+poses = st.builds(Pose, places, places, st.floats(-0.5, 0.5))
 
 
 def gate(**settings):
@@ -33,26 +32,27 @@ def gate(**settings):
 @pytest.mark.parametrize('age', [0.299, 0.0, -0.009])
 @given(st.builds(Pose, *[st.floats(-0.5, 0.5)] * 3))
 def test_possible_estimate_passes_unchanged(age, pose):
-    estimate = gate().check(
-        NOW, NOW - age, pose, (1e-6, 4e-6, 9e-6), EstimateGate.LARGEST_TILT
-    )
-    assert estimate == (NOW - age, pose, (1e-6, 4e-6, 9e-6), ALL_KNOWN)
+    variances = (1e-6, 4e-6, 9e-6)
+    stamp = NOW - age
+    tilt = EstimateGate.LARGEST_TILT
+    estimate = gate().check(NOW, stamp, pose, variances, tilt)
+    assert estimate == (stamp, pose, variances, ALL_KNOWN)
+
+
+def not_finite_estimates():
+    """Return a pose and its rejection for each axis and each number that is not finite."""
+    rows = []
+    for axis in Pose._fields:
+        for value in (math.nan, math.inf):
+            pose = ZERO_POSE._replace(**{axis: value})
+            rows.append((pose, NOW, 0.0, 'not_finite', f'{axis} = {value}'))
+    return rows
 
 
 @pytest.mark.parametrize(
     ('pose', 'stamp', 'tilt', 'reason', 'message'),
     [
-        *(
-            (
-                ZERO_POSE._replace(**{axis: value}),
-                NOW,
-                0.0,
-                'not_finite',
-                f'{axis} = {value}',
-            )
-            for axis in Pose._fields
-            for value in (math.nan, math.inf)
-        ),
+        *not_finite_estimates(),
         (
             Pose(2.1, 0.0, 0.0),
             NOW,
@@ -134,13 +134,12 @@ def test_axis_known_again_may_be_anywhere():
     for number, x in enumerate((0.05, 0.4, 7.0), 1):
         stamp = NOW + 0.01 * number
         estimate = checked.check(stamp, stamp, Pose(x, 0.011, 0.0), LOST)
-        assert estimate == (
-            stamp,
-            (0.05, 0.011, 0.0),
-            (1e-6, 1e-6, 1e-6),
-            (False, True, True),
-        )
-    found = checked.check(NOW + 0.04, NOW + 0.04, Pose(-0.06, 0.012, 0.0), NOISE)
+        assert estimate.stamp == stamp
+        assert estimate.pose == (0.05, 0.011, 0.0)
+        assert estimate.variances == (1e-6, 1e-6, 1e-6)
+        assert estimate.known == (False, True, True)
+    stamp = NOW + 0.04
+    found = checked.check(stamp, stamp, Pose(-0.06, 0.012, 0.0), NOISE)
     assert found.known == ALL_KNOWN
     assert found.pose.x == -0.06
     with pytest.raises(InputError, match='disturbance y jumps'):
@@ -207,9 +206,9 @@ def test_range_limit_applies_to_the_rail_at_any_yaw(yaw, theta, turns):
 
 
 def test_turned_axes_swap_x_and_y_and_their_variances():
-    estimate = gate(axes=math.pi / 2.0).check(
-        NOW, NOW, Pose(0.02, -0.1, 0.03), (1e-6, 4e-6, 1e-6)
-    )
+    published = Pose(0.02, -0.1, 0.03)
+    turned = gate(axes=math.pi / 2.0)
+    estimate = turned.check(NOW, NOW, published, (1e-6, 4e-6, 1e-6))
     assert estimate.pose == pytest.approx((0.1, 0.02, 0.03))
     assert estimate.variances == pytest.approx((4e-6, 1e-6, 1e-6))
 
@@ -217,9 +216,8 @@ def test_turned_axes_swap_x_and_y_and_their_variances():
 def test_estimate_has_the_time_and_variances_of_the_rail():
     checked = gate(mounting=MOUNTING, delay=0.1)
     rail = Pose(0.1, 0.0, 0.02)
-    estimate = checked.check(
-        NOW, NOW + 0.05, published_motion(rail, Pose(*MOUNTING)), (1e-6, 1e-6, 1e-6)
-    )
+    published = published_motion(rail, Pose(*MOUNTING))
+    estimate = checked.check(NOW, NOW + 0.05, published, (1e-6, 1e-6, 1e-6))
     assert estimate.stamp == pytest.approx(NOW - 0.05)
     assert estimate.pose == pytest.approx(rail)
     assert estimate.variances == pytest.approx((1.09e-6, 1.25e-6, 1e-6))

@@ -33,14 +33,9 @@ class Detected:
     def add(self, errors, noise=0.5, is_followed=True):
         for error in errors:
             self.stamp += PERIOD
-            self.decisions.append(
-                self.detector.evaluate(
-                    self.stamp,
-                    error + noise * DEVIATION * self.random.standard_normal(),
-                    DEVIATION,
-                    is_followed,
-                )
-            )
+            value = error + noise * DEVIATION * self.random.standard_normal()
+            decision = self.detector.evaluate(self.stamp, value, DEVIATION, is_followed)
+            self.decisions.append(decision)
             self.is_wrong.append(self.detector.is_wrong)
         return self
 
@@ -76,7 +71,8 @@ def test_error_beyond_any_push_is_wrong_in_any_shape(shape, seed, size, sign):
 
 @given(seeds, st.floats(0.4, 0.8))
 def test_lasting_motion_is_accepted(seed, speed):
-    found = Detected(seed).add(speed * PERIOD * np.arange(1, 40), is_followed=False)
+    errors = speed * PERIOD * np.arange(1, 40)
+    found = Detected(seed).add(errors, is_followed=False)
     assert any(found.is_wrong)
     assert not any(found.is_wrong[14:])
     assert JumpDecision.STEP not in found.decisions

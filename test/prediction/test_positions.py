@@ -8,6 +8,9 @@ ORIGIN = np.zeros(2)
 VALUES = np.array([1.0, 2.0])
 ERRORS = np.array([0.5, 0.25])
 
+BOTH = np.array([True, True])
+NONE = np.array([False, False])
+
 
 def doubted():
     """Return positions whose newest is in doubt along both axes."""
@@ -20,19 +23,19 @@ def doubted():
 def test_errors_of_confirmed_estimates_are_restored_once():
     positions = doubted()
     for _ in range(2):
-        positions.settle(np.array([True, False]), np.array([True, True]))
+        positions.settle(np.array([True, False]), BOTH)
     assert positions.since(1.0).tolist() == [[1.5], [2.0]]
 
 
 def test_errors_of_wrong_estimates_never_return():
     positions = doubted()
-    positions.settle(np.array([True, True]), np.array([False, False]))
-    positions.settle(np.array([True, True]), np.array([True, True]))
+    positions.settle(BOTH, NONE)
+    positions.settle(BOTH, BOTH)
     assert positions.since(1.0).tolist() == [[1.0], [2.0]]
 
 
 def test_given_arrays_are_never_changed():
-    doubted().settle(np.array([True, True]), np.array([True, True]))
+    doubted().settle(BOTH, BOTH)
     assert VALUES.tolist() == [1.0, 2.0]
     assert ERRORS.tolist() == [0.5, 0.25]
 
@@ -48,5 +51,5 @@ def test_forgotten_positions_do_not_shift_the_doubt():
     positions = doubted()
     positions.add(2.0, VALUES, ERRORS, True)
     positions.forget(2.0)
-    positions.settle(np.array([True, True]), np.array([True, True]))
+    positions.settle(BOTH, BOTH)
     assert positions.since(0.0).tolist() == [[1.5], [2.25]]

@@ -26,13 +26,15 @@ def fitted(motion, seconds, noise=NOISE, seed=0, stamps=None):
 
 
 def sum_of(*parts):
-    return lambda time: (
-        0.3
-        + sum(
-            amplitude * np.sin(math.tau * frequency * time)
-            for amplitude, frequency in parts
-        )
-    )
+    """Return a motion of 0.3 with sines of these amplitudes and frequencies [Hz]."""
+
+    def motion(time):
+        value = 0.3
+        for amplitude, frequency in parts:
+            value = value + amplitude * np.sin(math.tau * frequency * time)
+        return value
+
+    return motion
 
 
 TWO = sum_of((0.1, 0.11), (0.02, 0.3))
@@ -62,8 +64,10 @@ def test_repeated_fit_without_new_estimates_changes_nothing():
 @pytest.mark.parametrize('frequency', [0.2, 1.0])
 def test_mean_of_estimates_does_not_reduce_an_amplitude(rate, frequency):
     motion = sum_of((0.1, frequency))
-    tones, stamp = fitted(motion, 30.0, 1e-6, stamps=np.arange(0.0, 30.0, 1.0 / rate))
-    assert tones.at(stamp, AHEAD)[0] == pytest.approx(motion(stamp + AHEAD), abs=2e-5)
+    stamps = np.arange(0.0, 30.0, 1.0 / rate)
+    tones, stamp = fitted(motion, 30.0, 1e-6, stamps=stamps)
+    (found,) = tones.at(stamp, AHEAD)
+    assert found == pytest.approx(motion(stamp + AHEAD), abs=2e-5)
 
 
 @pytest.mark.parametrize('gap', [0.0, 0.5])
@@ -71,9 +75,8 @@ def test_tones_are_found_despite_jitter_and_gaps(gap):
     stamps = np.cumsum(np.random.default_rng(1).uniform(0.01, 0.03, 2000))
     stamps[1500:] += gap
     tones, stamp = fitted(TWO, 0.0, stamps=stamps)
-    assert tones.at(stamp, AHEAD)[0] == pytest.approx(
-        TWO(stamp + AHEAD), abs=0.3 * NOISE
-    )
+    (found,) = tones.at(stamp, AHEAD)
+    assert found == pytest.approx(TWO(stamp + AHEAD), abs=0.3 * NOISE)
 
 
 @pytest.mark.parametrize(
@@ -86,9 +89,8 @@ def test_tones_are_found_despite_jitter_and_gaps(gap):
 )
 def test_constant_window_has_no_tones(motion, seconds):
     tones, stamp = fitted(motion, seconds)
-    assert tones.at(stamp, AHEAD) == pytest.approx(
-        np.full((1, 3), 0.3), abs=0.2 * NOISE
-    )
+    constant = np.full((1, 3), 0.3)
+    assert tones.at(stamp, AHEAD) == pytest.approx(constant, abs=0.2 * NOISE)
 
 
 def test_random_motion_gives_few_finite_tones():
