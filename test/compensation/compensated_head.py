@@ -71,9 +71,9 @@ class CompensatedHead:
     def add_estimate(self, stamp):
         """Estimate the motion at a true time [s]."""
         if self.variances is not None:
-            self.compensator.add_estimate(
-                self.now, stamp + self.set_by, self.motion(stamp), self.variances
-            )
+            stamped = stamp + self.set_by
+            pose = self.motion(stamp)
+            self.compensator.add_estimate(self.now, stamped, pose, self.variances)
 
     def update(self):
         """Return the corrected pose of one cycle."""

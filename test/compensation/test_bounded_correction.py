@@ -20,19 +20,13 @@ MARGIN = 1.0
 LATE_MARGIN = 0.1  # m, of an axis found late: its correction fades in
 
 places = st.floats(-LARGEST, LARGEST)
-deviations = st.one_of(
-    st.floats(-4.0, -2.0).map(lambda power: 10.0**power), st.just(1.0)
-)
+small_deviations = st.floats(-4.0, -2.0).map(lambda power: 10.0**power)
+deviations = st.one_of(small_deviations, st.just(1.0))
+poses = st.builds(Pose, places, places, places)
+deviations_of_axes = st.tuples(deviations, deviations, deviations)
 # number of successive estimates, their pose, and the standard deviation of each axis
-sequences = st.lists(
-    st.tuples(
-        st.integers(1, 10),
-        st.builds(Pose, places, places, places),
-        st.tuples(*3 * [deviations]),
-    ),
-    min_size=1,
-    max_size=6,
-)
+estimates = st.tuples(st.integers(1, 10), poses, deviations_of_axes)
+sequences = st.lists(estimates, min_size=1, max_size=6)
 rates = st.sampled_from([10.0, 20.0, 30.0, 50.0, 100.0, 200.0])
 
 
@@ -58,10 +52,8 @@ def found_late(place, sway, rate, unknown, uncertain, duration, seed=0):
             continue
         deviation = 0.015 if number < unknown + uncertain else 0.0005
         x = place + sway * math.sin(0.6 * number / rate)
-        yield (
-            Pose(x + deviation * random.standard_normal(), 0.0, 0.0),
-            (deviation**2, 1e-8, 1e-8),
-        )
+        estimate = x + deviation * random.standard_normal()
+        yield Pose(estimate, 0.0, 0.0), (deviation**2, 1e-8, 1e-8)
 
 
 @settings(max_examples=25)
@@ -84,7 +76,8 @@ def test_axis_found_at_any_time_keeps_the_correction_bounded(
 @settings(max_examples=25)
 @given(sequences, rates)
 def test_any_bounded_estimates_give_a_bounded_correction(sequence, rate):
-    rest = math.ceil(REST * rate), Pose(0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3)
+    count_at_rest = math.ceil(REST * rate)
+    rest = (count_at_rest, Pose(0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3))
     estimates = []
     for count, pose, each in (rest, *sequence):
         for _ in range(count):

@@ -77,25 +77,27 @@ def test_rejected_estimates_are_reported_with_their_cause(compensator, mode):
 def test_correction_values_have_the_unit_of_their_key(compensator):
     compensator.add_estimate(100.0, 99.95, ZERO_POSE, (1e-6, 4e-6, 1e-4))
     compensator.following.lag = 0.007
+    saturation_error = POSE._replace(x=0.002)
     compensator.newest = CorrectedPose(
-        0.0, 0.0, *[ZERO_POSE] * 2, POSE, POSE._replace(x=0.002)
+        0.0, 0.0, ZERO_POSE, ZERO_POSE, POSE, saturation_error
     )
     *_, values = correction_component(
         compensator, 100.0, '', (0.002, math.radians(1.5))
     )
     deviations = compensator.correction.deviations(100.067)
+    deviation_words = (
+        f'x {1e3 * deviations[0]:.2g} mm; y {1e3 * deviations[1]:.2g} mm; '
+        f'theta {math.degrees(deviations[2]):.2g} deg'
+    )
+    assert values.pop('horizon [ms]') == pytest.approx(45.0)
+    assert values.pop('age of the estimate [ms]') == pytest.approx(50.0)
+    assert values.pop('lag of the head [ms]') == pytest.approx(7.0)
     assert values == {
-        'horizon [ms]': pytest.approx(45.0),
-        'age of the estimate [ms]': pytest.approx(50.0),
-        'lag of the head [ms]': pytest.approx(7.0),
         'initialisations': 0,
         'left out of the estimate': 'z +2.0 mm, tilt 1.50 deg',
         'corrected disturbance': WORDS,
         'saturation error': WORDS.replace('+1.0', '+2.0'),
-        'standard deviation of the prediction': (
-            f'x {1e3 * deviations[0]:.2g} mm; y {1e3 * deviations[1]:.2g} mm; '
-            f'theta {math.degrees(deviations[2]):.2g} deg'
-        ),
+        'standard deviation of the prediction': deviation_words,
     }
 
 
@@ -104,9 +106,8 @@ def test_unmeasured_axis_is_a_warning_without_a_deviation(goal):
     head = CompensatedHead(goal=goal).run(1.0)
     head.variances = (1e9, 1e-6, 1e-6)
     head.run(1.0)
-    _, level, message, values = correction_component(
-        head.compensator, head.now, '', (0.0, 0.0)
-    )
+    component = correction_component(head.compensator, head.now, '', (0.0, 0.0))
+    _, level, message, values = component
     assert level == 'warn'
     held = 'held back in x by an uncertain estimate'
     assert message == 'compensating; ' + (held if goal else UNMEASURED)

@@ -68,12 +68,9 @@ def press(
         felt = forces[max(k - LATENCY, 0)]
         reading = sensor(now, felt + NOISE * random.standard_normal())
         if reading is not None:
-            pressing.add_measurement(
-                now - LATENCY * PERIOD,
-                reading,
-                moment(yaws[reached]) if felt else 0.0,
-                last == reading,
-            )
+            felt_moment = moment(yaws[reached]) if felt else 0.0
+            stamp = now - LATENCY * PERIOD
+            pressing.add_measurement(stamp, reading, felt_moment, last == reading)
             last = reading
     return SimpleNamespace(
         pressing=pressing,
@@ -167,13 +164,13 @@ def test_noise_of_the_predicted_disturbance_is_removed():
     def error(time):
         return 6e-4 * (math.sin(2.0 * time) + math.sin(5.1 * time + 1.0))
 
-    run = press(
-        5000.0,
-        40.0,
-        stiffness=5000.0,
-        wall=lambda time: WALL + error(time),
-        around=lambda time: Surroundings(rail_y=error(time + HORIZON * PERIOD)),
-    )
+    def around(time):
+        return Surroundings(rail_y=error(time + HORIZON * PERIOD))
+
+    def wall(time):
+        return WALL + error(time)
+
+    run = press(5000.0, 40.0, stiffness=5000.0, wall=wall, around=around)
     assert run.pressing.mode is PressMode.HOLDING
     assert run.forces[2500:].std() < 0.5 < 0.2 * 5000.0 * 6e-4
 
@@ -192,13 +189,15 @@ def press_with_prediction_errors(
         readings.append(force)
         return readings.popleft()
 
+    def wall(time):
+        return WALL + error(time)
+
+    def around(time):
+        return Surroundings(rail_y=error(time + HORIZON * PERIOD))
+
+    assumed = max(stiffness / ratio, ContactSettings.LEAST_STIFFNESS)
     return press(
-        stiffness,
-        duration,
-        sensor=late,
-        stiffness=max(stiffness / ratio, ContactSettings.LEAST_STIFFNESS),
-        wall=lambda time: WALL + error(time),
-        around=lambda time: Surroundings(rail_y=error(time + HORIZON * PERIOD)),
+        stiffness, duration, sensor=late, stiffness=assumed, wall=wall, around=around
     )
 
 
@@ -240,12 +239,11 @@ def test_wrong_stiffness_never_exceeds_45_newtons(stiffness, ratio):
 @pytest.mark.parametrize(('step', 'speed'), [(0.01, 0.016), (-0.003, SPEED)])
 def test_head_moves_slower_towards_the_wall_than_away(step, speed):
     """On 1.25 N/mm, a force that rises by 20 N/s needs 16 mm/s; the wall moves after 15 s."""
-    run = press(
-        1250.0,
-        18.0,
-        stiffness=1250.0,
-        wall=lambda time: WALL + step * (time > HELD),
-    )
+
+    def wall(time):
+        return WALL + step * (time > HELD)
+
+    run = press(1250.0, 18.0, stiffness=1250.0, wall=wall)
     moved = abs(np.diff(run.offsets[round(HELD / PERIOD) :]))
     assert moved.max() <= speed * PERIOD + 1e-12
     assert moved.max() > 0.9 * min(speed, 0.02) * PERIOD
@@ -293,15 +291,14 @@ def test_fade_of_the_correction_does_not_change_the_force():
     def fade(time):
         return 0.03 * (1.0 - math.exp(-2.0 * max(time - HELD, 0.0)))
 
-    run = press(
-        5000.0,
-        stiffness=5000.0,
-        wall=lambda time: WALL + fade(time),
-        around=lambda time: Surroundings(
-            rail_y=fade(time + HORIZON * PERIOD),
-            fading_y=(fade(time + 0.06) - fade(time + 0.05)) / PERIOD,
-        ),
-    )
+    def wall(time):
+        return WALL + fade(time)
+
+    def around(time):
+        speed = (fade(time + 0.06) - fade(time + 0.05)) / PERIOD
+        return Surroundings(rail_y=fade(time + HORIZON * PERIOD), fading_y=speed)
+
+    run = press(5000.0, stiffness=5000.0, wall=wall, around=around)
     assert run.pressing.mode is PressMode.HOLDING
     assert run.forces.max() < 1.2 * SETTINGS.force
 
@@ -359,11 +356,10 @@ def test_brush_that_bottoms_out_makes_the_head_retract():
 
 
 def test_fault_lasts_until_pressing_is_disabled_and_enabled():
-    pressing = press(
-        600.0,
-        40.0,
-        sensor=lambda time, force: force if not HELD < time < HELD + 1.0 else 20.0,
-    ).pressing
+    def stuck(time, force):
+        return 20.0 if HELD < time < HELD + 1.0 else force
+
+    pressing = press(600.0, 40.0, sensor=stuck).pressing
     assert pressing.mode is PressMode.RETRACTED
     pressing.settings = replace(SETTINGS, enabled=False)
     off = press(600.0, 5.0, pressing=pressing, start=40.0)
@@ -375,9 +371,8 @@ def test_fault_lasts_until_pressing_is_disabled_and_enabled():
     press(600.0, 1.0, pressing=pressing, start=45.0)
     assert pressing.mode is PressMode.OFF
     pressing.follow_goal()
-    assert (
-        press(600.0, pressing=pressing, start=46.0).pressing.mode is PressMode.HOLDING
-    )
+    again = press(600.0, pressing=pressing, start=46.0)
+    assert again.pressing.mode is PressMode.HOLDING
 
 
 @pytest.mark.parametrize('stiffness', [600.0, 2000.0, 5000.0])
@@ -420,12 +415,11 @@ def test_lost_input_ends_in_a_retract_and_another_approach(lost, reason):
 
 
 def test_head_searches_for_a_wall_that_falls_away():
-    run = press(
-        2000.0,
-        45.0,
-        stiffness=2000.0,
-        wall=lambda time: WALL + min(max(0.1 * (time - 20.0), 0.0), 0.02),
-    )
+
+    def falling(time):
+        return WALL + min(max(0.1 * (time - 20.0), 0.0), 0.02)
+
+    run = press(2000.0, 45.0, stiffness=2000.0, wall=falling)
     assert run.pressing.mode is PressMode.HOLDING
     assert run.forces[2050:].max() < 45.0
 
@@ -433,7 +427,8 @@ def test_head_searches_for_a_wall_that_falls_away():
 @pytest.mark.parametrize('bias', [8.0, -8.0])
 def test_bias_of_the_sensor_is_removed_off_the_wall(bias):
     run = press(600.0, sensor=lambda time, force: force + bias)
-    assert run.forces[-500:].mean() == pytest.approx(SETTINGS.force, rel=0.04)
+    mean = run.forces[-500:].mean()
+    assert mean == pytest.approx(SETTINGS.force, rel=0.04)
 
 
 @pytest.mark.parametrize(
@@ -444,23 +439,20 @@ def test_bias_of_the_sensor_is_removed_off_the_wall(bias):
     ],
 )
 def test_head_waits_until_the_zero_is_known(bias, beyond, reason):
-    pressing = press(
+    run = press(
         600.0,
         8.0,
         sensor=lambda time, force: force + bias,
         around=lambda time: Surroundings(beyond=beyond),
-    ).pressing
+    )
+    pressing = run.pressing
     assert pressing.mode is PressMode.RETRACTED
     assert reason in pressing.reason
 
 
 def test_offset_stops_at_the_workspace_limit():
-    run = press(
-        600.0,
-        8.0,
-        wall=lambda time: 1.0,
-        around=lambda time: Surroundings(saturation_error=Pose(0.0, 0.001, 0.0)),
-    )
+    limited = Surroundings(saturation_error=Pose(0.0, 0.001, 0.0))
+    run = press(600.0, 8.0, wall=lambda time: 1.0, around=lambda time: limited)
     assert np.ptp(run.offsets) == 0.0
 
 
@@ -470,9 +462,11 @@ def test_offset_stops_at_the_workspace_limit():
 )
 def test_yaw_yields_to_a_moment_beyond_the_dead_band(enabled, tilt, turned):
     """On a brush of 50 mm, the friction of 30 N causes 0.45 N m: 0.033 rad at 13.5 N m/rad."""
-    yaws = press(
-        600.0, 30.0, yaw_enabled=enabled, moment=lambda yaw: 13.5 * (yaw - tilt)
-    ).yaws
+
+    def moment(yaw):
+        return 13.5 * (yaw - tilt)
+
+    yaws = press(600.0, 30.0, yaw_enabled=enabled, moment=moment).yaws
     assert yaws[-1] == pytest.approx(turned, abs=2e-3)
     assert abs(np.diff(yaws)).max() <= Pressing.YAW_SPEED * PERIOD + 1e-12
 
@@ -485,9 +479,11 @@ def hold(ratio, wall, duration=30.0):
     stiffness = 2000.0
     for k in range(round(duration / PERIOD)):
         time = (k + HORIZON) * PERIOD
-        law.move(time, law.offset + PERIOD * law.velocity(0.0, stiffness / ratio, time))
+        speed = law.velocity(0.0, stiffness / ratio, time)
+        law.move(time, law.offset + PERIOD * speed)
         offsets.append(law.offset)
-        forces.append(stiffness * (offsets[max(k - HORIZON, 0)] + wall(k * PERIOD)))
+        reached = offsets[max(k - HORIZON, 0)]
+        forces.append(stiffness * (reached + wall(k * PERIOD)))
         if k >= LATENCY:
             law.add_measurement((k - LATENCY) * PERIOD, forces[k - LATENCY])
     return np.array(forces)
@@ -498,13 +494,11 @@ def test_force_law_passes_wall_motion_as_loop_gain_predicts(frequency):
     delay = PERIOD * (HORIZON + LATENCY)
     s = 2j * math.pi * frequency
     late = cmath.exp(-s * delay)
-    expected = abs(
-        1.0 / (1.0 + late / (s * ForceLaw.TIME_CONSTANT * delay + 1.0 - late))
-    )
+    integral = s * ForceLaw.TIME_CONSTANT * delay
+    expected = abs(1.0 / (1.0 + late / (integral + 1.0 - late)))
     force = hold(1.0, lambda time: 1e-3 * math.sin(math.tau * frequency * time))
-    assert force[1000:].std() * math.sqrt(2.0) / 2.0 == pytest.approx(
-        expected, rel=0.15
-    )
+    amplitude = force[1000:].std() * math.sqrt(2.0)
+    assert amplitude / 2.0 == pytest.approx(expected, rel=0.15)
 
 
 @pytest.mark.parametrize(
@@ -512,7 +506,8 @@ def test_force_law_passes_wall_motion_as_loop_gain_predicts(frequency):
 )
 def test_force_law_is_stable_up_to_four_times_stiffness(ratio, settles):
     force = abs(hold(ratio, lambda time: 1e-3 * min(time, 1.0)))
-    assert (force[-300:].max() < 0.1 * force[:300].max()) == settles
+    is_settled = force[-300:].max() < 0.1 * force[:300].max()
+    assert is_settled == settles
 
 
 @pytest.fixture
@@ -523,9 +518,8 @@ def felt():
 def test_wrench_is_turned_by_the_yaw_of_the_head(felt):
     felt.shift(NOW, NOW, 0.0, REFERENCE, Surroundings())
     felt.add_wrench(NOW, NOW, PRESSED)
-    assert felt.pressing.monitor.force == pytest.approx(
-        30.0 * math.cos(0.3) - 3.0 * math.sin(0.3)
-    )
+    along_wall_normal = 30.0 * math.cos(0.3) - 3.0 * math.sin(0.3)
+    assert felt.pressing.monitor.force == pytest.approx(along_wall_normal)
     assert felt.pressing.moment == -0.5
 
 

@@ -25,11 +25,9 @@ VARIANCES = Pose(1e-6, 1e-6, 3e-6)
 
 
 def breeze(time):
-    return Pose(
-        0.1 * math.sin(0.7 * time) + 0.02 * math.sin(1.9 * time + 1.0),
-        0.015 * math.sin(1.26 * time),
-        0.035 * math.sin(0.94 * time + 0.5),
-    )
+    x = 0.1 * math.sin(0.7 * time) + 0.02 * math.sin(1.9 * time + 1.0)
+    y = 0.015 * math.sin(1.26 * time)
+    return Pose(x, y, 0.035 * math.sin(0.94 * time + 0.5))
 
 
 class Run(CompensatedHead):
@@ -48,14 +46,9 @@ class Run(CompensatedHead):
         if self.heard:
             noise = self.noise * self.random.standard_normal(3) * (1e-3, 1e-3, 1.7e-3)
             wrong = self.lie.pop(0) if self.lie else 0.0
-            self.correction.add_estimate(
-                Estimate(
-                    stamp,
-                    Pose(*(self.motion(stamp) + noise + wrong).tolist()),
-                    VARIANCES,
-                    self.known,
-                )
-            )
+            pose = Pose(*(self.motion(stamp) + noise + wrong).tolist())
+            estimate = Estimate(stamp, pose, VARIANCES, self.known)
+            self.correction.add_estimate(estimate)
 
     def update(self):
         return self.correction.at(self.now, self.now + HORIZON)
@@ -71,8 +64,8 @@ class Run(CompensatedHead):
 
     def assert_no_step(self):
         """Require that the correction changes hardly more per cycle than in the previous cycle."""
-        departures = abs(np.diff(self.all('position'), 2, axis=0)).max(axis=0)
-        assert (departures < (1e-3, 1e-3, math.radians(0.1))).all()
+        departures = abs(np.diff(self.all('position'), 2, axis=0))
+        assert (departures.max(axis=0) < (1e-3, 1e-3, math.radians(0.1))).all()
 
 
 def settle(motion=breeze):
@@ -153,7 +146,8 @@ def test_interrupted_correction_resumes_with_its_full_share(settled):
 
 
 def test_axis_found_during_a_silence_begins_without_a_share(settled):
-    run = deepcopy(settled).go(7.0, known=(False, True, True)).go(0.45)
+    run = deepcopy(settled).go(7.0, known=(False, True, True))
+    run.go(0.45)
     while run.correction.mode is CorrectionMode.ACTIVE:
         run.go(PERIOD, heard=False)
     run.go(0.1)
@@ -254,7 +248,12 @@ def test_axis_counts_as_known_after_the_settling_time():
 @pytest.fixture(scope='module')
 def gusty():
     signal = law.gusts(1, 0.005)  # of estimates, and of the horizon
-    return settle(lambda time: Pose(*signal[round((time - 1000.0) / 0.005)].tolist()))
+
+    def motion(time):
+        number = round((time - 1000.0) / 0.005)
+        return Pose(*signal[number].tolist())
+
+    return settle(motion)
 
 
 @cache
@@ -266,7 +265,8 @@ def undisturbed(settled, duration):
 def moved(settled, size, duration, after=1.0, shape=np.ones_like):
     """Return the largest change of x, y, theta by estimates wrong by `size` deviations."""
     count = round(0.5 * duration / PERIOD)
-    lie = size * shape(np.arange(1, count + 1) / count)[:, None] * np.sqrt(VARIANCES)
+    shares = np.arange(1, count + 1) / count
+    lie = size * shape(shares)[:, None] * np.sqrt(VARIANCES)
     wrong = deepcopy(settled).go(duration, lie=lie).go(after).all('position')
     return abs(wrong - undisturbed(settled, duration + after)).max(axis=0)
 
@@ -288,7 +288,8 @@ def test_wrong_estimates_of_any_shape_hardly_move_the_head(
     request, motion, shape, size, bound
 ):
     run = request.getfixturevalue(motion)
-    assert (moved(run, size, 0.2, shape=shape) < bound * np.sqrt(VARIANCES)).all()
+    largest = moved(run, size, 0.2, shape=shape)
+    assert (largest < bound * np.sqrt(VARIANCES)).all()
 
 
 def test_lasting_step_of_the_estimates_is_followed(settled):

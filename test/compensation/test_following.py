@@ -14,11 +14,8 @@ PERIOD = 0.01
 
 
 def course(time):
-    return Pose(
-        0.1 * math.sin(0.7 * time),
-        0.25 + 0.01 * math.sin(1.3 * time),
-        0.03 * math.sin(time),
-    )
+    y = 0.25 + 0.01 * math.sin(1.3 * time)
+    return Pose(0.1 * math.sin(0.7 * time), y, 0.03 * math.sin(time))
 
 
 def run(duration, head, path=course):
@@ -65,9 +62,9 @@ def test_lag_of_a_head_that_starts_has_no_jump(lag):
 
 @pytest.mark.parametrize('duration', [PERIOD, 3.0])
 def test_head_at_rest_on_the_path_has_no_lag(duration):
-    following, _ = run(
-        duration, lambda time: Pose(1e-4, 0.25, 0.0), lambda time: Pose(0.0, 0.25, 0.0)
-    )
+    path = Pose(1e-4, 0.25, 0.0)
+    head = Pose(0.0, 0.25, 0.0)
+    following, _ = run(duration, lambda time: path, lambda time: head)
     assert following.lag == 0.0
 
 

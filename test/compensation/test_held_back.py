@@ -10,7 +10,8 @@ def test_held_axes_are_reported_for_one_second():
     least = module.HeldBack.LEAST_ERROR
     second = module.HeldBack.SHOWN_FOR
     assert held.message(0.0) == ''
-    held.note(10.0, Pose(-2.0 * least, 0.9 * least, 0.01), Pose(0.0, 1.0, 0.0))
+    saturation_error = Pose(-2.0 * least, 0.9 * least, 0.01)
+    held.note(10.0, saturation_error, Pose(0.0, 1.0, 0.0))
     assert held.message(10.0 + 0.9 * second) == (
         'held back in x, theta at the workspace limit; held back in y by an uncertain estimate'
     )

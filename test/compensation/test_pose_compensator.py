@@ -37,7 +37,8 @@ STIFF_BRUSH = ContactSettings(enabled=True, stiffness=5000.0)
 
 
 def sway(time):
-    return Pose(0.08 * math.sin(0.7 * time), 0.01 * math.sin(1.2 * time), 0.0)
+    x = 0.08 * math.sin(0.7 * time)
+    return Pose(x, 0.01 * math.sin(1.2 * time), 0.0)
 
 
 @settings(max_examples=25)  # each checks twenty cycles
@@ -52,12 +53,11 @@ def sway(time):
 def test_disturbance_and_corrected_pose_compose_to_the_reference(
     dx, dy, dtheta, x, y, theta
 ):
-    run = CompensatedHead(Pose(dx, dy, dtheta), Pose(x, y, theta)).run(0.8)
-    for output in run.outputs[-20:]:
+    head = CompensatedHead(Pose(dx, dy, dtheta), Pose(x, y, theta))
+    for output in head.run(0.8).outputs[-20:]:
         wanted = add(output.pose, output.saturation_error)
-        assert wanted == pytest.approx(
-            tuple(relative(output.disturbance, output.reference)), abs=1e-12
-        )
+        compensated = relative(output.disturbance, output.reference)
+        assert wanted == pytest.approx(tuple(compensated), abs=1e-12)
 
 
 def test_update_without_a_goal_returns_no_pose():
@@ -72,22 +72,23 @@ def test_lag_of_the_head_extends_the_prediction():
     run.compensator.following.lag = 0.04
     run.run(0.1)
     assert run.last.reach_time == run.last.time + 0.04
-    assert run.last.disturbance.x == pytest.approx(
-        sway(run.last.reach_time).x, abs=5e-4
-    )
+    expected = sway(run.last.reach_time).x
+    assert run.last.disturbance.x == pytest.approx(expected, abs=5e-4)
 
 
 def test_axis_is_held_at_its_workspace_limit_and_returns():
-    run = CompensatedHead(
-        lambda time: Pose(0.45 * math.sin(0.4 * (time - START)), 0.0, 0.0),
-        Pose(0.0, 0.25, 0.0),
-    ).run(16.0)  # forth and back
+
+    def forth_and_back(time):
+        return Pose(0.45 * math.sin(0.4 * (time - START)), 0.0, 0.0)
+
+    run = CompensatedHead(forth_and_back, Pose(0.0, 0.25, 0.0)).run(16.0)
     for output in run.outputs[::7]:
         Mechanism(Geometry()).certify(output.pose)
     errors = abs(np.array([output.saturation_error for output in run.outputs]))
     assert errors[:, 0].max() > 1e-3 > errors[-1, 0]
     assert errors[:, 1].max() == 0.0
-    assert abs(np.diff(run.all('pose'), 2, axis=0)).max() < 1e-3
+    changes = np.diff(run.all('pose'), 2, axis=0)
+    assert abs(changes).max() < 1e-3
     assert run.on_wall.x == pytest.approx(0.0, abs=5e-3)
 
 
@@ -101,9 +102,8 @@ def test_every_part_with_a_live_parameter_can_change():
 
 @pytest.mark.parametrize('follows', [True, False])
 def test_path_restarts_at_a_head_that_does_not_follow(follows):
-    run = CompensatedHead(
-        goal=Pose(0.1, 0.25, 0.0), head=ASIDE, lag=0.0 if follows else None
-    )
+    lag = 0.0 if follows else None
+    run = CompensatedHead(goal=Pose(0.1, 0.25, 0.0), head=ASIDE, lag=lag)
     away = abs(run.run(4.0).all('pose')[:, 0] - ASIDE.x)
     if follows:
         assert run.compensator.initialisations == 1
@@ -124,13 +124,11 @@ def test_goal_error_vanishes_under_a_constant_disturbance():
     assert run.on_wall == pytest.approx(tuple(GOAL), abs=2e-4)
     assert max(map(abs, compensator.goal_error(run.now))) < 1e-4
     assert compensator.path_time(run.now) < 0.0
-    compensator.following.add_head(
-        run.now + 1e-3, relative(RAIL, GOAL._replace(x=GOAL.x - 0.03))
-    )
+    aside = relative(RAIL, GOAL._replace(x=GOAL.x - 0.03))
+    compensator.following.add_head(run.now + 1e-3, aside)
     assert compensator.goal_error(run.now).x == pytest.approx(0.03, abs=1e-4)
-    assert (
-        compensator.goal_error(run.now + 5.0) is None
-    )  # the pose of the head is too old
+    # the pose of the head is too old
+    assert compensator.goal_error(run.now + 5.0) is None
 
 
 @pytest.mark.parametrize(('lag', 'most'), [(0.0, 0.61), (0.04, 0.63)])
@@ -141,7 +139,8 @@ def test_hold_brakes_within_the_limits_and_stays(lag, most):
     place = run.compensator.hold(run.now)
     held = len(run.outputs)
     run.run(3.0)
-    x = np.array([output.reference.x for output in run.outputs[held - 3 :]])
+    outputs = run.outputs[held - 3 :]
+    x = np.array([output.reference.x for output in outputs])
     assert run.compensator.goal == place != GOAL
     assert begin.x < place.x < GOAL.x
     assert abs(np.diff(x, 2)).max() / PERIOD**2 < most
@@ -156,7 +155,8 @@ def test_clock_step_keeps_correction_active_without_a_jump(step):
     run.run(6.0)
     assert run.compensator.correction.mode is CorrectionMode.ACTIVE
     assert run.on_wall == pytest.approx(tuple(GOAL), abs=4e-3)
-    assert abs(np.diff(run.all('pose')[:, :2], axis=0)).max() < 0.02
+    steps = np.diff(run.all('pose')[:, :2], axis=0)
+    assert abs(steps).max() < 0.02
     assert run.count - run.accepted - before < (5 if step == -3600.0 else 100)
 
 
@@ -172,22 +172,22 @@ def test_clock_step_keeps_correction_active_without_a_jump(step):
     ],
 )
 def test_lost_estimate_retracts_the_head_with_its_reason(variances, reason):
-    run = CompensatedHead(
+    head = CompensatedHead(
         Pose(0.02, 0.0, 0.01),
         Pose(0.0, 0.25, 0.0),
         Pose(0.0, 0.27, 0.0),
         lag=0.0,
         contact=ContactSettings(enabled=True),
-    ).run(4.0)
+    )
+    run = head.run(4.0)
     pressing = run.compensator.contact.pressing
     pressing.mode = PressMode.HOLDING
     pressing.ramp.desired = pressing.settings.force
     run.variances = variances
     for cycle in range(70):  # less than 1.05 s: the correction continues
+        wrench = Wrench(0.0, -30.0 - 0.01 * (cycle % 3), 0.0)
         with suppress(ManipulatorError):
-            run.compensator.contact.add_wrench(
-                run.now, run.now, Wrench(0.0, -30.0 - 0.01 * (cycle % 3), 0.0)
-            )
+            run.compensator.contact.add_wrench(run.now, run.now, wrench)
         run.run(PERIOD)
     assert pressing.mode == PressMode.RETRACTED
     assert pressing.last_reason == reason
@@ -228,10 +228,9 @@ def feel(run, duration, wall=1.0):
         run.run(PERIOD)
         force = 5000.0 * max(run.on_wall.y - wall, 0.0)
         force += 0.01 * (cycle % 3)
+        wrench = Wrench(0.0, -force, 0.0)
         with suppress(InputError):
-            run.compensator.contact.add_wrench(
-                run.now, run.now, Wrench(0.0, -force, 0.0)
-            )
+            run.compensator.contact.add_wrench(run.now, run.now, wrench)
     return run
 
 

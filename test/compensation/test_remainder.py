@@ -12,10 +12,10 @@ from facade_manipulator.kinematics import MotionState, Pose, Twist, ZERO_STATE
 
 START = 100.0
 PERIOD = 0.005
-poses = st.tuples(*[st.floats(-0.2, 0.2)] * 3).map(lambda values: Pose(*values))
-motions = st.tuples(poses, poses).map(
-    lambda parts: MotionState(parts[0], Twist(*parts[1]))
-)
+lengths = st.floats(-0.2, 0.2)
+poses = st.builds(Pose, lengths, lengths, lengths)
+twists = st.builds(Twist, lengths, lengths, lengths)
+motions = st.builds(MotionState, poses, twists)
 constants = st.floats(0.02, 2.0)
 
 
@@ -29,12 +29,11 @@ def test_remainder_begins_with_the_jump_and_decays_smoothly(jump, constant, elap
     assert begun.velocity == pytest.approx(tuple(jump.velocity), abs=1e-12)
     assert late.position == pytest.approx((0.0,) * 3, abs=1e-7)
     assert remainder.at(START + 41.0 * constant) == ZERO_STATE
-    before, now, after = (
-        remainder.at(START + elapsed + step) for step in (-1e-5, 0.0, 1e-5)
-    )
-    assert now.velocity == pytest.approx(
-        np.subtract(after.position, before.position) / 2e-5, abs=1e-3
-    )
+    now = START + elapsed
+    before = remainder.at(now - 1e-5).position
+    after = remainder.at(now + 1e-5).position
+    slope = np.subtract(after, before) / 2e-5
+    assert remainder.at(now).velocity == pytest.approx(slope, abs=1e-3)
 
 
 @given(
@@ -59,18 +58,14 @@ def test_trajectory_with_its_remainders_stays_within_the_bound(pieces, slow, fas
         brake.add(begin, motion(0.0, reached.velocity.x - v))
         for t in (0.0, PERIOD, 2.0 * PERIOD):
             reached = motion(p + v * t + 0.5 * a * t * t, v + a * t)
-            highest = np.maximum(
-                highest, np.abs((reached.position.x, reached.velocity.x, a))
-            )
+            magnitudes = np.abs((reached.position.x, reached.velocity.x, a))
+            highest = np.maximum(highest, magnitudes)
             total = reached.plus(fade.at(begin + t)).plus(brake.at(begin + t))
             beyond = max(beyond, abs(total.position.x))
     position, velocity, acceleration = highest
-    assert beyond <= (
-        position
-        + 2.0 * (slow + fast / math.e) * velocity
-        + fast**2 * acceleration
-        + 1e-9
-    )
+    from_velocity = 2.0 * (slow + fast / math.e) * velocity
+    bound = position + from_velocity + fast**2 * acceleration
+    assert beyond <= bound + 1e-9
 
 
 @given(
@@ -97,15 +92,15 @@ def test_remainder_with_changing_time_constant_stays_within_the_bound(pieces, le
         remainder.add(begin, reached.minus(motion(p, v)), factor * least)
         for t in (0.0, PERIOD, 2.0 * PERIOD):
             reached = motion(p + v * t + 0.5 * a * t * t, v + a * t)
-            highest = np.maximum(
-                highest, np.abs((reached.position.x, reached.velocity.x, a))
-            )
+            magnitudes = np.abs((reached.position.x, reached.velocity.x, a))
+            highest = np.maximum(highest, magnitudes)
             total = reached.plus(remainder.at(begin + t))
             beyond = max(beyond, abs(total.position.x))
     position, velocity, acceleration = highest
-    assert beyond <= 1e-9 + 4.0 * (
-        2.0 * position + 4.0 * least * velocity + 2.0 * least**2 * acceleration
-    )
+    from_velocity = 4.0 * least * velocity
+    from_acceleration = 2.0 * least**2 * acceleration
+    bound = 4.0 * (2.0 * position + from_velocity + from_acceleration)
+    assert beyond <= bound + 1e-9
 
 
 @given(

@@ -23,12 +23,10 @@ MADE = Geometry(
 CONDITIONED = [Geometry(0.15, 0.55), Geometry(0.25, 0.45), Geometry(0.34, 0.36)]
 NARROW = Geometry(0.578, 0.572)
 GEOMETRIES = [GEOMETRY, MADE, *CONDITIONED, NARROW]
-anywhere = st.builds(
-    Pose, st.floats(-1.0, 1.0), st.floats(-0.5, 0.6), st.floats(-1.0, 1.0)
-)
-well_inside = st.builds(
-    Pose, st.floats(-0.25, 0.25), st.floats(0.2, 0.28), st.floats(-0.1, 0.1)
-)
+turns = st.floats(-1.0, 1.0)
+anywhere = st.builds(Pose, st.floats(-1.0, 1.0), st.floats(-0.5, 0.6), turns)
+small_turns = st.floats(-0.1, 0.1)
+well_inside = st.builds(Pose, st.floats(-0.25, 0.25), st.floats(0.2, 0.28), small_turns)
 
 
 @pytest.mark.parametrize('geometry', GEOMETRIES, ids=str)
@@ -69,15 +67,16 @@ def test_saturated_x_keeps_the_distance_from_an_oblique_wall(pose, slope):
     Mechanism(GEOMETRY).certify(inside.pose)
     if not inside.saturation_error.y:
         gained = inside.pose.y - pose.y
-        assert gained == pytest.approx(
-            slope * inside.saturation_error.x, abs=0.12 * abs(gained) + 1e-9
-        )
+        expected = slope * inside.saturation_error.x
+        tolerance = 0.12 * abs(gained) + 1e-9
+        assert gained == pytest.approx(expected, abs=tolerance)
 
 
-@pytest.mark.parametrize('axis', range(3))
-def test_sweep_across_the_workspace_limit_is_smooth(axis):
+@pytest.mark.parametrize(
+    ('axis', 'bounds'), [(0, (-0.7, 0.7)), (1, (0.0, 0.4)), (2, (-0.6, 0.6))]
+)
+def test_sweep_across_the_workspace_limit_is_smooth(axis, bounds):
     limit = WorkspaceLimit(GEOMETRY)
-    bounds = ((-0.7, 0.7), (0.0, 0.4), (-0.6, 0.6))[axis]
     places = []
     for value in np.linspace(*bounds, 4001):
         wanted = [0.0, 0.25, 0.0]
@@ -95,13 +94,11 @@ def test_pose_far_outside_is_saturated_at_the_margin(margin, sign):
     limit = WorkspaceLimit(GEOMETRY, margin=margin)
     aside = limit.saturate(Pose(sign, 0.25, 0.0)).pose
     left, right, _ = Mechanism(GEOMETRY).inverse_kinematics(aside)
-    assert min(left - GEOMETRY.stroke[0], GEOMETRY.stroke[1] - right) == pytest.approx(
-        margin
-    )
-    assert limit.saturate(Pose(0.0, 1.0, 0.0)).pose.y == pytest.approx(
-        GEOMETRY.link_length - margin
-    )
+    lower, upper = GEOMETRY.stroke
+    assert min(left - lower, upper - right) == pytest.approx(margin)
+    at_full_reach = limit.saturate(Pose(0.0, 1.0, 0.0)).pose
+    reach = GEOMETRY.link_length - margin
+    assert at_full_reach.y == pytest.approx(reach)
     turned = limit.saturate(Pose(0.0, 0.3, sign)).pose
-    assert abs(turned.y) + GEOMETRY.platform_half_length * math.sin(
-        abs(turned.theta)
-    ) == (pytest.approx(GEOMETRY.link_length - margin))
+    rise = GEOMETRY.platform_half_length * math.sin(abs(turned.theta))
+    assert abs(turned.y) + rise == pytest.approx(reach)
