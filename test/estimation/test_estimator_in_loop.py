@@ -17,16 +17,14 @@ def run(raw_sensors=True, spoil=lambda time, measurement: measurement):
     """Return the loop and the RMS error of x, y, yaw [m, m, rad]."""
     loop = ClosedLoop(replace(GUSTS, raw_sensors=raw_sensors), GOAL)
     receive = loop.world.raw_sensors.receive
-    loop.world.raw_sensors.receive = lambda now: [
-        spoilt for one in receive(now) if (spoilt := spoil(now - START, one))
-    ]
-    errors = np.array(
-        [
-            one.error
-            for one in loop.follow(GOAL, DURATION, 0.0)
-            if one.time - START > SETTLED
-        ]
-    )
+
+    def receive_spoilt(now):
+        measurements = [spoil(now - START, one) for one in receive(now)]
+        return [one for one in measurements if one is not None]
+
+    loop.world.raw_sensors.receive = receive_spoilt
+    cycles = loop.follow(GOAL, DURATION, 0.0)
+    errors = np.array([one.error for one in cycles if one.time - START > SETTLED])
     return loop, np.sqrt((errors**2).mean(axis=0))
 
 
@@ -39,9 +37,10 @@ def test_raw_sensors_give_less_error_than_noisy_estimates():
 
 
 def test_silent_fix_stops_only_the_correction_of_x():
-    loop, found = run(
-        spoil=lambda time, one: None if one.sensor == 'fix_x' and time > 8 else one
-    )
+    def silence(time, one):
+        return None if one.sensor == 'fix_x' and time > 8 else one
+
+    loop, found = run(spoil=silence)
     assert loop.compensator.correction.usable == (False, True, True)
     assert found[0] > 0.01
     assert (found[1:] < (1e-3, 1e-3)).all()

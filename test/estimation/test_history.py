@@ -28,10 +28,8 @@ class Played:
                 self.history.update()
 
     def add_input(self, k, is_coasting=False):
-        self.history.add_input(
-            k * STEP,
-            None if is_coasting else (0.0, 0.0, 0.01 * k, np.sin(0.3 * k), 0.1, 9.81),
-        )
+        values = (0.0, 0.0, 0.01 * k, np.sin(0.3 * k), 0.1, 9.81)
+        self.history.add_input(k * STEP, None if is_coasting else values)
 
     def correct(self, step, measurement):
         """Return x after a past measurement, with its level decided once."""
@@ -43,12 +41,9 @@ class Played:
         jacobian[X] = 1.0
         jacobian[VX] = measurement.stamp - step.stamp
         cross = covariance @ jacobian
-        return update(
-            step.state,
-            cross,
-            float(cross @ jacobian) + measurement.variance,
-            measurement.value - float(jacobian @ mean),
-        )
+        variance = float(cross @ jacobian) + measurement.variance
+        error = measurement.value - float(jacobian @ mean)
+        return update(step.state, cross, variance, error)
 
 
 def same_state(one):
@@ -58,9 +53,10 @@ def same_state(one):
 @given(st.lists(st.integers(0, 15), min_size=5, max_size=5))
 def test_late_and_prompt_measurements_give_the_same_state(delays):
     prompt = [(int(stamp / STEP) + 1, stamp) for stamp in STAMPS]
-    late = Played(
-        [(k + delay, stamp) for (k, stamp), delay in zip(prompt, delays, strict=True)]
-    )
+    delayed = []
+    for (k, stamp), delay in zip(prompt, delays, strict=True):
+        delayed.append((k + delay, stamp))
+    late = Played(delayed)
     assert np.vstack(late.history.update().state) == same_state(Played(prompt))
     assert late.decided == len(STAMPS)
 
@@ -69,9 +65,8 @@ def test_measurement_newer_than_the_inputs_waits():
     made = Played([(1, 0.0123)], steps=2)
     assert made.decided == 0
     made.add_input(3)
-    assert np.vstack(made.history.update().state) == same_state(
-        Played([(3, 0.0123)], steps=3)
-    )
+    later = Played([(3, 0.0123)], steps=3)
+    assert np.vstack(made.history.update().state) == same_state(later)
 
 
 def test_late_imu_input_replaces_coasting():
@@ -94,7 +89,8 @@ def test_inputs_between_two_queries_share_one_step():
     rare = Played(query=STEPS)
     frequent = Played()
     expected = frequent.history.update().state.mean[:AX]
-    assert rare.history.update().state.mean[:AX] == pytest.approx(expected, abs=1e-4)
+    found = rare.history.update().state.mean[:AX]
+    assert found == pytest.approx(expected, abs=1e-4)
     assert len(frequent.history._steps) == 1 + STEPS
     assert len(rare.history._steps) == 1 + STEPS / 2
 

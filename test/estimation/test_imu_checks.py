@@ -61,9 +61,9 @@ def test_faulty_imu_is_rejected_with_its_reason(expected, changes):
 def test_turned_imu_measurements_are_rotated_to_the_rail(angles):
     gate = ImuGate(ImuSettings(mounting=(0.0, 0.0, 0.0, *angles)))
     back = rotation(*angles).T
-    _, along_rail = gate.check(
-        0.0, 0.0, back @ (0.1, 0.2, 0.3), back @ (0.0, 0.5, GRAVITY)
-    )
+    rates = back @ (0.1, 0.2, 0.3)
+    forces = back @ (0.0, 0.5, GRAVITY)
+    _, along_rail = gate.check(0.0, 0.0, rates, forces)
     assert along_rail == pytest.approx((0.1, 0.2, 0.3, 0.0, 0.5, GRAVITY))
 
 

@@ -24,7 +24,8 @@ STARTED = [
 ]
 SILENT = 'imu: silent for'
 RANGES = ('range_1', 'range_2')
-POSE = replace(SETUP, distances={}, fixes={}, poses={'camera': PoseFixSettings()})
+CAMERA = {'camera': PoseFixSettings()}
+POSE = replace(SETUP, distances={}, fixes={}, poses=CAMERA)
 
 
 def played(spoil, *events, cycles=None, setup=SETUP) -> Run:
@@ -36,7 +37,8 @@ def played(spoil, *events, cycles=None, setup=SETUP) -> Run:
 
 
 def rms(run: Run) -> np.ndarray:
-    return np.sqrt((run.errors(SETTLED)[0] ** 2).mean(axis=0))
+    errors, _ = run.errors(SETTLED)
+    return np.sqrt((errors**2).mean(axis=0))
 
 
 def spoilt(
@@ -47,12 +49,10 @@ def spoilt(
     def spoil(time, one):
         if one.sensor not in sensors or not since <= time < until:
             return [one]
-        values = tuple((np.multiply(one.values, factor) + offset(time)).tolist())
-        return (
-            [one._replace(stamp=one.stamp + late, values=values)]
-            if np.any(factor)
-            else []
-        )
+        if not np.any(factor):
+            return []
+        values = np.multiply(one.values, factor) + offset(time)
+        return [one._replace(stamp=one.stamp + late, values=tuple(values.tolist()))]
 
     return spoil
 
@@ -92,8 +92,9 @@ def test_estimates_in_gusts_are_as_accurate_as_published():
             (x + 1j * y, np.exp(1j * yaw) * (vx + 1j * vy)),
             (yaw, yaw_rate),
         ):
-            drift = (pose[1:] - np.cumsum(rate[:-1] * steps))[round(SETTLED * 100) :]
-            assert np.abs(drift - drift.mean()).max() < 0.01
+            drift = pose[1:] - np.cumsum(rate[:-1] * steps)
+            settled = drift[round(SETTLED * 100) :]
+            assert np.abs(settled - settled.mean()).max() < 0.01
     assert (np.mean(shares, axis=0) > (0.95, 0.92, 0.97)).all()
 
 
@@ -147,11 +148,9 @@ def test_bad_sensor_is_named_without_harm_to_the_estimate(spoil, bounds, events)
 
 @pytest.mark.long
 def test_silent_fix_increases_deviation_until_x_restarts():
-    run = played(
-        spoilt('fix_x', factor=0.0, since=10.0, until=23.0),
-        'x: restarted: not measured for too long',
-        'x: started by fix_x',
-    )
+    silent = spoilt('fix_x', factor=0.0, since=10.0, until=23.0)
+    restart = 'x: restarted: not measured for too long'
+    run = played(silent, restart, 'x: started by fix_x')
     errors, deviations = run.errors(10.0, 23.0)
     assert (np.abs(errors) < 4.0 * deviations).all()
     assert rms(run)[1] < GOOD[1]
@@ -173,12 +172,12 @@ def test_wrong_connection_is_named_and_ends_the_estimates(spoil, fault):
 
 @pytest.mark.long
 def test_sensors_with_wrong_units_are_rejected():
-    in_g = Run(
-        record(DURATION)[:800], spoilt('imu', factor=(1.0, 1.0, 1.0, *3 * [1.0 / 9.81]))
-    )
+    cycles = record(DURATION)[:800]
+    of_g = 1.0 / 9.81
+    in_g = Run(cycles, spoilt('imu', factor=(1.0, 1.0, 1.0, of_g, of_g, of_g)))
     assert in_g.rejections.count('unit') > 0.9 * 200 * 5.0
     assert in_g.estimator.is_coasting
-    in_mm = Run(record(DURATION)[:800], spoilt('range_1', factor=1e3))
+    in_mm = Run(cycles, spoilt('range_1', factor=1e3))
     assert not in_mm.estimator.channels['range_1'].counts
     assert set(in_mm.rejections) == {'unit'}
     assert in_mm.events[-1].startswith('y, theta: started by range_2')
@@ -188,11 +187,10 @@ def test_sensors_with_wrong_units_are_rejected():
 @pytest.mark.parametrize('late', [-0.01, 0.02])
 def test_strong_motion_reveals_the_delay_of_a_fix(late):
     fix = replace(SETUP.fixes['fix_x'], delay=0.005, delay_error=0.01)
-    run = played(
-        spoilt('fix_x', late=late),
-        setup=replace(SETUP, fixes={'fix_x': fix}),
-        cycles=record(DURATION, motion=Motion(x=((0.02, 1.0, 0.0),))),
-    )
+    shake = Motion(x=((0.02, 1.0, 0.0),))
+    setup = replace(SETUP, fixes={'fix_x': fix})
+    cycles = record(DURATION, motion=shake)
+    run = played(spoilt('fix_x', late=late), setup=setup, cycles=cycles)
     found, deviation = run.estimator.delays()['fix_x']
     assert abs(found - late) < 3.0 * deviation < 0.005
 
@@ -216,22 +214,15 @@ def test_wrong_stamps_and_numbers_are_rejected():
 @pytest.mark.long
 def test_poses_and_imu_suffice_for_estimates():
     random = np.random.default_rng(1)
-    cycles = [
-        replace(
-            cycle,
-            measurements=[
-                *(one for one in cycle.measurements if one.sensor == 'imu'),
-                *(
-                    Measurement(
-                        f'camera.{axis}', cycle.now, (value + random.normal(0.0, 1e-3),)
-                    )
-                    for axis, value in cycle.rail._asdict().items()
-                ),
-            ],
-        )
-        for cycle in record(DURATION)
-    ]
-    assert (rms(Run(cycles, setup=POSE)) < (0.6, 0.6, 0.06)).all()
+    cycles = []
+    for cycle in record(DURATION):
+        measurements = [one for one in cycle.measurements if one.sensor == 'imu']
+        for axis, value in cycle.rail._asdict().items():
+            measured = value + random.normal(0.0, 1e-3)
+            measurements.append(Measurement(f'camera.{axis}', cycle.now, (measured,)))
+        cycles.append(replace(cycle, measurements=measurements))
+    run = Run(cycles, setup=POSE)
+    assert (rms(run) < (0.6, 0.6, 0.06)).all()
 
 
 def test_unknown_distance_of_the_wall_is_measured_at_start():
@@ -240,9 +231,9 @@ def test_unknown_distance_of_the_wall_is_measured_at_start():
         for name, value in (('range_1', 0.45), ('range_2', 0.45), ('fix_x', 0.0)):
             estimator.add(name, now, now, value)
         motion = estimator.advance(now)
-    assert [
-        channel.sensor.distance for channel in estimator.channels.values()
-    ] == pytest.approx(3 * [0.45])
+    channels = estimator.channels.values()
+    distances = [channel.sensor.distance for channel in channels]
+    assert distances == pytest.approx(3 * [0.45])
     assert motion.pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
 
 
@@ -256,7 +247,8 @@ def test_set_clock_restarts_all_axes():
         assert motion.stamp == pytest.approx(now, abs=0.01)
         assert motion.pose.x == pytest.approx(0.1, abs=1e-3)
         # the place is unknown
-        assert np.diag(motion.covariance)[1:] == pytest.approx((1.0, 0.1), rel=0.05)
+        variances = np.diag(motion.covariance)
+        assert variances[1:] == pytest.approx((1.0, 0.1), rel=0.05)
     assert sum('restart' in event.text for event in estimator.events) == 2
 
 

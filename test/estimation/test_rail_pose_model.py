@@ -17,15 +17,14 @@ STEP = 0.005  # s
 SHIFT = 1e-6  # of the finite differences
 IMU_INPUT = (0.03, -0.02, 0.05, 0.2, -0.1, 9.7)
 IMU = ImuSettings(mounting=(0.2, -0.1, 0.3, 0.0, 0.0, 0.0))
-SENSORS_OF_WALL = rail_pose_model.make_sensors(
-    estimator_settings.EstimatorSetup(
-        IMU,
-        estimator_settings.ProfileSettings(distance=0.5),
-        {'left': estimator_settings.DistanceSettings(mounting=(-0.5, 0.1, 0.2))},
-        {'fix': estimator_settings.FixSettings(mounting=(0.1, 0.05, 0.0), feature=0.3)},
-        {'pose': estimator_settings.PoseFixSettings()},
-    )
+SETUP = estimator_settings.EstimatorSetup(
+    IMU,
+    estimator_settings.ProfileSettings(distance=0.5),
+    {'left': estimator_settings.DistanceSettings(mounting=(-0.5, 0.1, 0.2))},
+    {'fix': estimator_settings.FixSettings(mounting=(0.1, 0.05, 0.0), feature=0.3)},
+    {'pose': estimator_settings.PoseFixSettings()},
 )
+SENSORS_OF_WALL = rail_pose_model.make_sensors(SETUP)
 LARGEST = np.array(
     (
         0.1,
@@ -55,25 +54,25 @@ states = st.lists(st.floats(-1.0, 1.0), min_size=18, max_size=18).map(
 
 def slopes(function, mean):
     """Return the derivative of a function by the state, one row for each state."""
-    return np.array(
-        [
-            (np.array(function(mean + shift)) - function(mean - shift)) / (2.0 * SHIFT)
-            for shift in SHIFT * np.eye(len(mean))
-        ]
-    )
+    rows = []
+    for shift in SHIFT * np.eye(len(mean)):
+        change = np.subtract(function(mean + shift), function(mean - shift))
+        rows.append(change / (2.0 * SHIFT))
+    return np.array(rows)
 
 
 @pytest.mark.parametrize('imu', [IMU_INPUT, None])
 @given(mean=states)
 def test_transition_matrix_is_the_derivative_of_the_motion(imu, mean):
-    process = rail_pose_model.Process(
-        IMU, [one for sensor in SENSORS_OF_WALL for one in sensor.states]
-    )
+    sensor_states = []
+    for sensor in SENSORS_OF_WALL:
+        sensor_states += sensor.states
+    process = rail_pose_model.Process(IMU, sensor_states)
     _, transition, _ = process.move(mean, imu, STEP)
     found = slopes(lambda state: process.move(state, imu, STEP)[0], mean).T
-    assert transition[:SENSORS, :SENSORS] == pytest.approx(
-        found[:SENSORS, :SENSORS], abs=3e-4
-    )  # half of g STEP² and the products of tilt and rate
+    of_rail = transition[:SENSORS, :SENSORS]
+    # half of g STEP² and the products of tilt and rate
+    assert of_rail == pytest.approx(found[:SENSORS, :SENSORS], abs=3e-4)
 
 
 @pytest.mark.parametrize('sensor', SENSORS_OF_WALL, ids=lambda sensor: sensor.name)
@@ -119,7 +118,8 @@ def test_shift_of_a_moving_rail_explains_the_measurement(sensor, mean):
     measured = sensor.expect(mean.tolist(), 0.0)[0] + 1e-4
     shifted = mean.copy()
     shifted[sensor.axes[0]] += sensor.shift(mean, measured)
-    assert sensor.expect(shifted.tolist(), 0.0)[0] == pytest.approx(measured, abs=1e-6)
+    expected, *_ = sensor.expect(shifted.tolist(), 0.0)
+    assert expected == pytest.approx(measured, abs=1e-6)
 
 
 def test_rail_that_tilts_in_a_cone_does_not_yaw():
@@ -131,9 +131,9 @@ def test_rail_that_tilts_in_a_cone_does_not_yaw():
     for phase in turn * STEP * (np.arange(400) + 0.5):
         x = math.cos(phase)
         y = math.sin(phase)
-        rates = turn * np.array(
-            (-math.sin(tilt) * y, math.sin(tilt) * x, math.cos(tilt) - 1.0)
-        )
+        sine = math.sin(tilt)
+        directions = np.array((-sine * y, sine * x, math.cos(tilt) - 1.0))
+        rates = turn * directions
         forces = 9.81 * np.array((-tilt * y, tilt * x, 1.0))
         state = process.propagate(state, (*rates, *forces), STEP)
     assert state.mean[rail_pose_model.YAW] == pytest.approx(0.0, abs=1e-3)
@@ -172,20 +172,16 @@ def test_rail_that_tilts_in_a_cone_does_not_yaw():
     ids=['turning', 'tilted', 'coasting', 'place', 'delay'],
 )
 def test_state_follows_mechanics_and_keeps_its_variance(seconds, imu, begin, end):
-    process = rail_pose_model.Process(
-        ImuSettings(),
-        [
-            rail_pose_model.SensorState(1e-3, length=0.02),
-            rail_pose_model.SensorState(1e-3, time=2.0),
-        ],
-    )
+    place = rail_pose_model.SensorState(1e-3, length=0.02)
+    delay = rail_pose_model.SensorState(1e-3, time=2.0)
+    process = rail_pose_model.Process(ImuSettings(), [place, delay])
     state = process.initial_state()
     for name, value in begin.items():
         state.mean[INDICES[name]] = value
     for _ in range(round(seconds / STEP)):
         state = process.propagate(state, imu, STEP)
-    assert state.mean[[INDICES[name] for name in end]] == pytest.approx(
-        [*end.values()], abs=2e-4
-    )
-    assert np.diag(state.covariance)[SENSORS:] == pytest.approx(2 * [1e-6], rel=1e-3)
+    for name, value in end.items():
+        assert state.mean[INDICES[name]] == pytest.approx(value, abs=2e-4)
+    variances = np.diag(state.covariance)
+    assert variances[SENSORS:] == pytest.approx(2 * [1e-6], rel=1e-3)
     assert state.covariance == pytest.approx(state.covariance.T, rel=1e-12)

@@ -15,9 +15,8 @@ from facade_manipulator.kinematics import GRAVITY, Pose
 
 HEIGHT = 0.5  # m, of the IMU above the rail
 IMU = ImuSettings(mounting=(0.0, 0.0, HEIGHT, 0.0, 0.0, 0.0))
-SETUP_WITH_POSES = replace(
-    SETUP, imu=IMU, distances={}, fixes={}, poses={'camera': PoseFixSettings()}
-)
+CAMERA = {'camera': PoseFixSettings()}
+SETUP_WITH_POSES = replace(SETUP, imu=IMU, distances={}, fixes={}, poses=CAMERA)
 TILTS = np.array((0.003, 0.005))  # rad, amplitudes about x and y
 FREQUENCY = math.tau  # rad/s
 YAW = 0.3  # rad
@@ -39,11 +38,9 @@ def estimates(gyroscope_noise: float, pose_noise: float):
         # the IMU is at rest, and the middle of the rail below it moves
         along = -HEIGHT * tilt_y
         across = HEIGHT * tilt_x
-        pose = Pose(
-            math.cos(YAW) * along - math.sin(YAW) * across,
-            math.sin(YAW) * along + math.cos(YAW) * across,
-            YAW,
-        )
+        x = math.cos(YAW) * along - math.sin(YAW) * across
+        y = math.sin(YAW) * along + math.cos(YAW) * across
+        pose = Pose(x, y, YAW)
         velocity = (-HEIGHT * rate_y, HEIGHT * rate_x)
 
         rates = np.array((rate_x, rate_y, 0.0))

@@ -150,26 +150,20 @@ def is_consistent(span: Sequence[np.ndarray], largest: float) -> bool:
 @pytest.mark.parametrize('mark', [MARK, 2e-3, -1.5])
 @pytest.mark.parametrize('motion', [rest, sway])
 def test_fix_beside_a_pose_measures_its_feature(mark, motion):
-    rail = Rail(
-        FIX_AND_POSE,
-        {'fix_pose.x': until_loss, 'fix_x': late},
-        {'fix_x': mark},
-        motion=motion,
-    )
+    is_seen = {'fix_pose.x': until_loss, 'fix_x': late}
+    rail = Rail(FIX_AND_POSE, is_seen, {'fix_x': mark}, motion=motion)
     rail.run(LOSS + 3.0)
     assert is_consistent(rail.x(LOSS, LOSS + 3.0), 1.5e-3)
 
 
 @pytest.mark.parametrize('back', [LOSS + 6.0, RETURN], ids=['kept', 'restarted'])
 def test_fix_returns_at_its_measured_feature_after_an_outage(back):
-    rail = Rail(
-        FIX_AND_POSE,
-        {
-            'fix_pose.x': until_loss,
-            'fix_x': lambda time: 0.5 < time < LOSS or time > back,
-        },
-        {'fix_x': MARK},
-    )
+
+    def is_fix_seen(time):
+        return 0.5 < time < LOSS or time > back
+
+    is_seen = {'fix_pose.x': until_loss, 'fix_x': is_fix_seen}
+    rail = Rail(FIX_AND_POSE, is_seen, {'fix_x': MARK})
     rail.run(back + 2.0)
     assert ('x: started by fix_x' in rail.events) == (back == RETURN)
     assert is_consistent(rail.x(back + 0.5, back + 2.0), 2e-3)
@@ -177,13 +171,8 @@ def test_fix_returns_at_its_measured_feature_after_an_outage(back):
 
 @pytest.mark.parametrize('mark', [MARK, 2e-3])
 def test_second_fix_restarts_x_at_its_measured_feature(mark):
-    rail = Rail(
-        TWO_FIXES,
-        {'fix_a': until_loss, 'fix_b': lost},
-        {'fix_b': mark},
-        has_imu=False,
-        motion=sway,
-    )
+    is_seen = {'fix_a': until_loss, 'fix_b': lost}
+    rail = Rail(TWO_FIXES, is_seen, {'fix_b': mark}, has_imu=False, motion=sway)
     rail.run(RETURN + 2.0)
     assert 'x: restarted: not measured for too long' in rail.events
     assert rail.events[-1] == 'x: started by fix_b'
@@ -192,12 +181,8 @@ def test_second_fix_restarts_x_at_its_measured_feature(mark):
 
 @pytest.mark.parametrize('first', [always, until_loss])
 def test_second_mark_near_the_first_causes_no_bias(first):
-    rail = Rail(
-        TWO_FIXES,
-        {'fix_a': first, 'fix_b': always},
-        {'fix_b': 2e-3},
-        motion=sway,
-    )
+    is_seen = {'fix_a': first, 'fix_b': always}
+    rail = Rail(TWO_FIXES, is_seen, {'fix_b': 2e-3}, motion=sway)
     rail.run(LOSS + 4.0)
     errors, _ = rail.x(LOSS + 1.0, LOSS + 4.0)
     assert abs(errors.mean()) < 0.5e-3
@@ -205,12 +190,8 @@ def test_second_mark_near_the_first_causes_no_bias(first):
 
 def test_fix_without_a_place_does_not_restart_x():
     """No sensor relates the feature to the place of the rail before the restart."""
-    rail = Rail(
-        TWO_FIXES,
-        {'fix_a': until_loss, 'fix_b': lambda time: time >= RETURN},
-        {'fix_b': MARK},
-        has_imu=False,
-    )
+    is_seen = {'fix_a': until_loss, 'fix_b': lambda time: time >= RETURN}
+    rail = Rail(TWO_FIXES, is_seen, {'fix_b': MARK}, has_imu=False)
     rail.run(RETURN + 2.0)
     assert rail.events[-1] == 'x: restarted: not measured for too long'
     _, deviations = rail.x(RETURN, RETURN + 2.0)
@@ -236,12 +217,8 @@ def test_fix_without_a_place_starts_x_beside_a_silent_pose(pose):
 
 def test_pose_starts_x_before_a_fix_without_a_place():
     """The pose begins 0.1 s later, and knows that the rail is not at 0."""
-    rail = Rail(
-        FIX_AND_POSE,
-        {'fix_pose.x': lambda time: time > 0.1, 'fix_x': always},
-        {'fix_x': MARK},
-        motion=displaced,
-    )
+    is_seen = {'fix_pose.x': lambda time: time > 0.1, 'fix_x': always}
+    rail = Rail(FIX_AND_POSE, is_seen, {'fix_x': MARK}, motion=displaced)
     rail.run(LOSS)
     assert 'x: started by fix_pose.x' in rail.events
     assert is_consistent(rail.x(2.0, LOSS), 1.5e-3)

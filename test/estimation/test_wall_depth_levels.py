@@ -28,15 +28,16 @@ def channel(*levels):
 
 def decide(channel, residuals, begin=0.0):
     """Return the measurements with their levels, and the events."""
-    measurements = [
-        Measurement('left', begin + k * PERIOD, 0.0, SIGMA**2)
-        for k in range(len(residuals))
-    ]
-    return measurements, [
-        event
-        for one, residual in zip(measurements, residuals, strict=True)
-        if (event := channel.decide(one, residual, SIGMA, is_coasting=False))
-    ]
+    measurements = []
+    events = []
+    for number, residual in enumerate(residuals):
+        stamp = begin + number * PERIOD
+        measurement = Measurement('left', stamp, 0.0, SIGMA**2)
+        measurements.append(measurement)
+        event = channel.decide(measurement, residual, SIGMA, is_coasting=False)
+        if event:
+            events.append(event)
+    return measurements, events
 
 
 def test_mullion_becomes_a_level_after_a_quarter_second():
@@ -85,9 +86,9 @@ def test_yaw_in_another_unit_is_rejected_in_radians():
 def test_window_panes_are_outliers_without_a_level():
     seen = channel()
     random = np.random.default_rng(1)
-    measurements, events = decide(
-        seen, np.where(random.random(500) < 0.5, random.uniform(0.3, 3.0, 500), 0.0)
-    )
+    is_pane = random.random(500) < 0.5
+    residuals = np.where(is_pane, random.uniform(0.3, 3.0, 500), 0.0)
+    measurements, events = decide(seen, residuals)
     assert {one.level for one in measurements} == {0.0, OUTLIER}
     assert not events
 
@@ -106,19 +107,18 @@ def test_configured_level_is_used_at_once_and_kept():
     assert seen.counts == {'other level': 1}
     for k in range(1, Channel.MOST):
         decide(seen, [0.1 * k] * 40, begin=k)
-    offsets = [
-        level.offset for level in seen.levels
-    ]  # the oldest found level was replaced
-    assert offsets == pytest.approx(
-        [0.0, -0.03, *(0.1 * k for k in range(2, Channel.MOST))]
-    )
+    # the oldest found level was replaced
+    offsets = [level.offset for level in seen.levels]
+    found = [0.1 * k for k in range(2, Channel.MOST)]
+    assert offsets == pytest.approx([0.0, -0.03, *found])
 
 
 def distances(wall, y, yaw, offsets=(0.0, 0.0)):
-    return [
-        (wall + offset - y - np.sin(yaw) * sx - np.cos(yaw) * sy) / np.cos(yaw)
-        for (sx, sy, _), offset in zip(PLACES, offsets, strict=True)
-    ]
+    found = []
+    for (sx, sy, _), offset in zip(PLACES, offsets, strict=True):
+        gap = wall + offset - y - np.sin(yaw) * sx - np.cos(yaw) * sy
+        found.append(gap / np.cos(yaw))
+    return found
 
 
 # y below half the 30 mm between the levels: a larger y is likelier another level
@@ -131,32 +131,26 @@ def distances(wall, y, yaw, offsets=(0.0, 0.0)):
 )
 def test_start_finds_wall_y_and_yaw(y, yaw, wall, offsets, is_known):
     y *= is_known  # y begins at 0 otherwise
-    assert start_at_wall(
-        wall * is_known,
-        PLACES,
-        distances(wall, y, yaw, offsets),
-        [0.0, -0.03],
-    ) == pytest.approx((wall, y, yaw), abs=2e-4)
+    measured = distances(wall, y, yaw, offsets)
+    found = start_at_wall(wall * is_known, PLACES, measured, [0.0, -0.03])
+    assert found == pytest.approx((wall, y, yaw), abs=2e-4)
 
 
 @pytest.mark.parametrize('known', [0.0, 0.45])
 def test_start_by_one_sensor_assumes_no_yaw(known):
-    assert start_at_wall(known, PLACES[1:], [0.43], [0.0]) == pytest.approx(
-        (0.45, 0.0, 0.0)
-    )
+    found = start_at_wall(known, PLACES[1:], [0.43], [0.0])
+    assert found == pytest.approx((0.45, 0.0, 0.0))
 
 
 def test_densest_cluster_between_panes_is_the_wall():
     random = np.random.default_rng(2)
     for _ in range(300):
         first = FirstMeasurements()
-        wall = (
-            0.45 + 5e-3 * np.linspace(0.0, 1.0, 40) + 2e-4 * random.standard_normal(40)
-        )
+        drift = 5e-3 * np.linspace(0.0, 1.0, 40)
+        wall = 0.45 + drift + 2e-4 * random.standard_normal(40)
         through = random.permutation(40) < 25
-        for k, value in enumerate(
-            np.where(through, wall + random.uniform(0.3, 3.0, 40), wall)
-        ):
+        behind = wall + random.uniform(0.3, 3.0, 40)
+        for k, value in enumerate(np.where(through, behind, wall)):
             first.add(k * PERIOD, value)
         assert first.suffice(0.4)
         assert not first.suffice(2.0)
