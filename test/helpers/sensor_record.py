@@ -112,7 +112,12 @@ class Run:
         self.estimator = DisturbanceEstimator(setup)
         self.motions: list[RailMotion] = []
         self.rejections: list[str] = []
-        self._cycles = cycles
+        self._cycles: list[Cycle] = []
+        self.play(cycles, spoil)
+
+    def play(self, cycles: list[Cycle], spoil: Spoil) -> None:
+        """Continue the run with later cycles of the record."""
+        self._cycles = [*self._cycles, *cycles]
         for cycle in cycles:
             for original in cycle.measurements:
                 for measurement in spoil(original.stamp - START, original):
