@@ -127,6 +127,15 @@ def test_true_between_two_turns_is_not_missed(bench):
     assert 'software_stop was set' in bench.rejection('home')
 
 
+def test_true_is_in_force_before_the_next_turn_of_the_driver(bench):
+    timers = list(bench.tested.timers)
+    for timer in timers:
+        timer.cancel()
+    bench.set()
+    for timer in timers:
+        timer.reset()
+
+
 def test_rejected_clear_faults_leaves_the_stop_in_force(bench):
     bench.bring_up()
     bench.disturb(1, without_safe_torque)
