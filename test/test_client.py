@@ -421,6 +421,13 @@ def test_interrupted_client_can_still_halt(client):
         signal.signal(signal.SIGINT, before)
 
 
+def test_closed_client_leaves_no_node_in_its_executor(ros):
+    client = ManipulatorClient('gondola_1')
+    executor = client.node.executor
+    client.close()
+    assert not executor.get_nodes()
+
+
 def published(client):
     """Return the topics with a publisher of the client, in the graph of ROS."""
     found = client.node.get_publisher_names_and_types_by_node(
