@@ -52,7 +52,8 @@ def prediction():
     for number, truth in enumerate(signal[:-6]):
         stamp = number * INTERVAL
         wrong = 0.03 * (number % 250 < 5 < number)
-        predictor.update(stamp, Pose(*(truth + noise[number] + wrong)), 3 * [NOISE**2])
+        values = truth + noise[number] + wrong
+        predictor.update(stamp, Pose(*values), 3 * [NOISE**2])
         error = predictor.predict(stamp + AHEAD).position - signal[number + 6]
         errors.append((error, error / predictor.deviations(stamp + AHEAD)))
     return figures(*np.transpose(errors[500:], (1, 0, 2)))
@@ -73,7 +74,17 @@ def control():
 
 def figures(errors, ratios):
     """Return RMS errors of each axis and the share of the ratios within 2."""
-    return np.append(np.sqrt((errors**2).mean(axis=0)), (abs(ratios) < 2.0).mean())
+    rms = np.sqrt((errors**2).mean(axis=0))
+    return np.append(rms, (abs(ratios) < 2.0).mean())
+
+
+def scaled(value, factor):
+    """Return a number, a tuple or an array of numbers multiplied by a factor."""
+    if isinstance(value, tuple):
+        return tuple(factor * one for one in value)
+    if isinstance(value, np.ndarray):
+        return factor * value
+    return type(value)(factor * value)
 
 
 def main():
@@ -89,15 +100,7 @@ def main():
         owner, _, name = f'facade_manipulator.{place}'.rpartition('.')
         value = getattr(resolve_name(owner), name)
         for factor in (0.5, 1.5):
-            changed = (
-                factor * value
-                if isinstance(value, np.ndarray)
-                else type(value)(
-                    [factor * one for one in value]
-                    if isinstance(value, tuple)
-                    else factor * value
-                )
-            )
+            changed = scaled(value, factor)
             with ExitStack() as stack:
                 for place_of_name in (resolve_name(owner), *sys.modules.values()):
                     if vars(place_of_name).get(name) is value:

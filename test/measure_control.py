@@ -100,44 +100,39 @@ def measure(row, seed, duration):
     name, _, stiffness = row.partition(' ')
     scenario = replace(load_scenario(name), seed=seed)
     if stiffness:
-        scenario = replace(
-            scenario,
-            wall=replace(scenario.wall, brush_stiffness=1e3 * float(stiffness)),
-            compensator={
-                **scenario.compensator,
-                'contact.stiffness': 1e3 * float(stiffness),
-            },
-        )
+        scaled = 1e3 * float(stiffness)
+        wall = replace(scenario.wall, brush_stiffness=scaled)
+        compensator = scenario.compensator | {'contact.stiffness': scaled}
+        scenario = replace(scenario, wall=wall, compensator=compensator)
     loop = ClosedLoop(scenario)
     cycles = loop.mission(duration)
     times = np.array([one.time for one in cycles]) - START - ESTIMATOR_START
-    is_counted = (times > LEARNING_TIME) & (
-        times % scenario.mission.goal_period > SETTLING_TIME
-    )
-    errors, without, rails, predicted, deviations = (
-        np.array(
-            [getattr(cycles[number], name) for number in np.flatnonzero(is_counted)]
-        )
-        for name in ('error', 'uncompensated', 'rail', 'predicted', 'deviations')
-    )
-    rms, disturbance = (
-        np.sqrt((values**2).mean(axis=0)) for values in (errors, without)
-    )
+    since_goal = times % scenario.mission.goal_period
+    is_counted = (times > LEARNING_TIME) & (since_goal > SETTLING_TIME)
+    counted = [cycles[number] for number in np.flatnonzero(is_counted)]
+    errors = np.array([one.error for one in counted])
+    without = np.array([one.uncompensated for one in counted])
+    rails = np.array([one.rail for one in counted])
+    predicted = np.array([one.predicted for one in counted])
+    deviations = np.array([one.deviations for one in counted])
+    rms = np.sqrt((errors**2).mean(axis=0))
+    disturbance = np.sqrt((without**2).mean(axis=0))
     # Where the head presses, the wall determines y.
     axes = [0, 2] if scenario.wall.is_touched else [0, 1, 2]
-    commands = np.array(
-        [one.command for one in cycles[round(LEARNING_TIME / PERIOD) :]]
-    )
-    figures = [
-        20.0 * np.log10(disturbance / rms),
-        rms * SCALES,
-        abs(errors).max(axis=0) * SCALES,
-    ]
+    learnt = cycles[round(LEARNING_TIME / PERIOD) :]
+    commands = np.array([one.command for one in learnt])
+    jerks = np.diff(commands, 3, axis=0) / PERIOD**3
+    attenuation = 20.0 * np.log10(disturbance / rms)
+    peaks = abs(errors).max(axis=0)
+    is_within = abs(predicted - rails) < 2.0 * deviations
+    limited = sum(one.is_limited for one in cycles) + loop.follower.limited_cycles
     return [
-        *(values[axes].tolist() for values in figures),
-        [float(np.sqrt((np.diff(commands, 3, axis=0) ** 2).mean())) / PERIOD**3],
-        (100.0 * (abs(predicted - rails) < 2.0 * deviations).mean(axis=0)).tolist(),
-        [sum(one.is_limited for one in cycles) + loop.follower.limited_cycles],
+        attenuation[axes].tolist(),
+        (rms * SCALES)[axes].tolist(),
+        (peaks * SCALES)[axes].tolist(),
+        [float(np.sqrt((jerks**2).mean()))],
+        (100.0 * is_within.mean(axis=0)).tolist(),
+        [limited],
         [len(loop.rejections)],
         *(forces(cycles) if scenario.wall.is_touched else [[], [], []]),
     ]
@@ -146,30 +141,24 @@ def measure(row, seed, duration):
 def forces(cycles):
     """Return RMS error of the force, its peak, and the peak at the first touch [N]."""
     times = np.array([one.time for one in cycles])
-    values = np.array(
-        [
-            -math.sin(one.head.theta) * one.wrench.fx
-            - math.cos(one.head.theta) * one.wrench.fy
-            for one in cycles
-        ]
-    )
+    heads = np.array([one.head for one in cycles])
+    wrenches = np.array([one.wrench for one in cycles])
+    along_x = np.sin(heads[:, 2]) * wrenches[:, 0]
+    along_y = np.cos(heads[:, 2]) * wrenches[:, 1]
+    values = -along_x - along_y
     late = values[times > times[-1] - FORCE_TIME]
     touch = times[np.argmax(values > TOUCH)]
     first = values[(times >= touch) & (times < touch + FIRST_TOUCH_TIME)]
-    return [
-        [float(np.sqrt(np.mean((late - FORCE) ** 2)))],
-        [float(late.max())],
-        [float(first.max())],
-    ]
+    rms = float(np.sqrt(np.mean((late - FORCE) ** 2)))
+    return [[rms], [float(late.max())], [float(first.max())]]
 
 
 def cell(seeds):
     """Return the median over the seeds and the range of each figure."""
     texts = []
     for values in np.transpose(seeds):
-        low, middle, high = (
-            f'{value:.3g}' for value in np.quantile(values, (0.0, 0.5, 1.0))
-        )
+        quantiles = np.quantile(values, (0.0, 0.5, 1.0))
+        low, middle, high = (f'{value:.3g}' for value in quantiles)
         texts.append(middle if low == high else f'{middle} ({low}–{high})')
     return ' / '.join(texts)
 

@@ -22,19 +22,17 @@ OTHERS = (
 
 def cpu_of(*words):
     """Return the processor time of the threads with one of these words in their name [s]."""
-    return sum(
-        time.clock_gettime(time.pthread_getcpuclockid(one.ident))
-        for one in all_threads()
-        if any(word in one.name for word in words)
-    )
+    spent = 0.0
+    for one in all_threads():
+        if any(word in one.name for word in words):
+            spent += time.clock_gettime(time.pthread_getcpuclockid(one.ident))
+    return spent
 
 
 def cpu_of_process(pid):
     """Return the processor time of a process [s]."""
-    return 1e-9 * sum(
-        int(path.read_text().split()[0])
-        for path in Path(f'/proc/{pid}/task').glob('*/schedstat')
-    )
+    tasks = Path(f'/proc/{pid}/task').glob('*/schedstat')
+    return 1e-9 * sum(int(path.read_text().split()[0]) for path in tasks)
 
 
 def start(function, *arguments):
@@ -67,11 +65,10 @@ def send(bus, cob_id, data):
 
 def answer(rate):
     """Answer like three drives at their commanded positions, with minimum processor time."""
-    frames = {
-        base + number: (every[rate], data)
-        for base, data, every in OTHERS
-        for number in DRIVES
-    }
+    frames = {}
+    for base, data, every in OTHERS:
+        for number in DRIVES:
+            frames[base + number] = (every[rate], data)
     bus = open_bus()
     count = 0
     for message in bus:

@@ -20,9 +20,8 @@ class ObservedClient(LoopClient):
 def launch(*ends):
     """Start the observed loop."""
     numbers = [end.fileno() for end in ends]
-    return subprocess.Popen(
-        [sys.executable, '-m', 'loop', *map(str, numbers)], pass_fds=numbers
-    )
+    command = [sys.executable, '-m', 'loop', *map(str, numbers)]
+    return subprocess.Popen(command, pass_fds=numbers)
 
 
 if __name__ == '__main__':

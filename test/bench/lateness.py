@@ -41,12 +41,9 @@ def count(prepare, programs, duration):
     A demo whose drives stop, because its cycles are too late, counts as all missed.
     """
     with TemporaryDirectory() as folder, busy_programs(programs):
+        command = ['demo', '--duration', str(duration), '--output', folder]
         ended = subprocess.run(
-            ['demo', '--duration', str(duration), '--output', folder],
-            preexec_fn=prepare,
-            capture_output=True,
-            text=True,
-            check=False,
+            command, preexec_fn=prepare, capture_output=True, text=True, check=False
         )
         summary = Path(folder) / 'summary.json'
         if not summary.exists():

@@ -67,10 +67,9 @@ class ObservedLoop(program.ControlLoop):
         start(report, self._latencies, self._measure)
 
     def _measure(self):
-        return (
-            self._messages + cpu_of_process(os.getppid()),
-            time.process_time() - cpu_of('answer') - self._messages,
-        )
+        cpu = self._messages + cpu_of_process(os.getppid())
+        cycle = time.process_time() - cpu_of('answer') - self._messages
+        return cpu, cycle
 
 
 if __name__ == '__main__':

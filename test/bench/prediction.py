@@ -45,9 +45,8 @@ class KalmanFilters:
     def predict(self, at):
         ahead = at - self._stamp
         powers = np.array([1.0, ahead, 0.5 * ahead**2])
-        return MotionState(
-            Pose(*((powers @ one.x).item() for one in self._filters)), ZERO_TWIST
-        )
+        position = [(powers @ one.x).item() for one in self._filters]
+        return MotionState(Pose(*position), ZERO_TWIST)
 
 
 class Corrected:
@@ -67,15 +66,13 @@ def tones(seed, interval):
     """Return three tones along each axis for two minutes, phases by the seed, shape (n, 3)."""
     phase = np.random.default_rng(seed).random
     times = interval * np.arange(round(120.0 / interval))
-    return np.transpose(
-        [
-            sum(
-                amplitude * np.sin(math.tau * (frequency * times + phase()))
-                for amplitude, frequency in axis
-            )
-            for axis in TONES
-        ]
-    )
+    signals = []
+    for axis in TONES:
+        signal = np.zeros(len(times))
+        for amplitude, frequency in axis:
+            signal += amplitude * np.sin(math.tau * (frequency * times + phase()))
+        signals.append(signal)
+    return np.transpose(signals)
 
 
 def errors(make, source, quick, seed, noise=NOISE):
@@ -96,28 +93,25 @@ def errors(make, source, quick, seed, noise=NOISE):
         predictor.predict(stamp + AHEAD + 0.01)  # as the compensator does at 100 Hz
         if number >= settled:
             cost += time.process_time() - begin
-            squares.append(
-                np.subtract(expected, signal[number + round(AHEAD / INTERVAL)]) ** 2
-            )
-    return *np.sqrt(np.mean(squares, axis=0)) / noise, cost / len(squares)
+            error = np.subtract(expected, signal[number + round(AHEAD / INTERVAL)])
+            squares.append(error**2)
+    rms = np.sqrt(np.mean(squares, axis=0))
+    return *rms / noise, cost / len(squares)
 
 
 def rows(quick):
     """Compare cost and errors on the same samples of both signals."""
     ours = DisturbancePredictor
     for source, goal in ((gusts, '<= 0.85'), (tones, '<= 0.3')):
-        *found, _ = np.transpose(
-            [
-                errors(
-                    partial(KalmanFilters, 3 * [density]), source, quick, TUNING_SEED
-                )
-                for density in JERK_DENSITIES
-            ]
-        )
-        tuned = partial(KalmanFilters, JERK_DENSITIES[np.argmin(found, axis=1)])
+        found = []
+        for density in JERK_DENSITIES:
+            filters = partial(KalmanFilters, 3 * [density])
+            *of_axes, _ = errors(filters, source, quick, TUNING_SEED)
+            found.append(of_axes)
+        tuned = partial(KalmanFilters, JERK_DENSITIES[np.argmin(found, axis=0)])
+        sides = [partial(errors, make, source, quick) for make in (ours, tuned)]
         (*our_errors, our_cost), (*their_errors, their_cost) = in_turns(
-            [partial(errors, make, source, quick) for make in (ours, tuned)],
-            1 if quick else 7,
+            sides, 1 if quick else 7
         )
         error = np.linalg.norm(our_errors)
         name = f'error 0.12 s ahead in {source.__name__}'
@@ -129,25 +123,18 @@ def rows(quick):
             np.linalg.norm(their_errors),
         )
         if source is gusts:
+            least = np.linalg.norm(bound(INTERVAL, NOISE, AHEAD)) / NOISE
             yield row(
-                f'P2 {name} / information bound',
-                'sigma',
-                '<= 1.15',
-                error,
-                np.linalg.norm(bound(INTERVAL, NOISE, AHEAD)) / NOISE,
+                f'P2 {name} / information bound', 'sigma', '<= 1.15', error, least
             )
     for noise, goal in ((0.4 * NOISE, '<= 1.1'), (NOISE, '<= 1.3')):
-        found = [
-            errors(Corrected, gusts, quick, seed, noise)[:3]
-            for seed in range(1 if quick else 7)
-        ]
-        yield row(
-            f'P2 error of the correction, noise {1e3 * noise:g} mm / information bound',
-            'sigma',
-            goal,
-            np.median([np.linalg.norm(each) for each in found]),
-            np.linalg.norm(bound(INTERVAL, noise, AHEAD)) / noise,
-        )
+        found = []
+        for seed in range(1 if quick else 7):
+            *of_axes, _ = errors(Corrected, gusts, quick, seed, noise)
+            found.append(np.linalg.norm(of_axes))
+        name = f'P2 error of the correction, noise {1e3 * noise:g} mm'
+        least = np.linalg.norm(bound(INTERVAL, noise, AHEAD)) / noise
+        yield row(f'{name} / information bound', 'sigma', goal, np.median(found), least)
     yield row(
         'P1 estimate learnt and two predictions / three filters of filterpy',
         'us',

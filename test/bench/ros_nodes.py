@@ -39,13 +39,10 @@ def role(words, executor='events'):
 
 def node(module, *parameters):
     """Return the command of a node of the package."""
-    return (
-        module,
-        '--ros-args',
-        '-r',
-        '__ns:=/bench',
-        *(word for one in parameters for word in ('-p', one)),
-    )
+    words = [module, '--ros-args', '-r', '__ns:=/bench']
+    for one in parameters:
+        words += ['-p', one]
+    return tuple(words)
 
 
 def driver(rate):
@@ -119,11 +116,11 @@ LAYOUTS = (
 
 def memory_of(pid):
     """Return the private memory of a process [bytes]."""
-    return 1024.0 * sum(
-        int(line.split()[1])
-        for line in Path(f'/proc/{pid}/smaps_rollup').read_text().splitlines()
-        if line.startswith('Private')
-    )
+    kilobytes = 0
+    for line in Path(f'/proc/{pid}/smaps_rollup').read_text().splitlines():
+        if line.startswith('Private'):
+            kilobytes += int(line.split()[1])
+    return 1024.0 * kilobytes
 
 
 def measure(quick, commands, _):
@@ -139,39 +136,39 @@ def measure(quick, commands, _):
         TemporaryDirectory() as folder,
         limited('it', PATIENCE),
     ):
+        environment = {
+            'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+            'PYTHONPATH': str(Path(__file__).parent),
+            'BENCH_TIMES': '0.3 0.8' if quick else '1.0 4.0',
+        }
         start = partial(
             Processes(Path(folder)).start,
             text=True,
             stdout=subprocess.PIPE,
-            env={
-                'ROS_DOMAIN_ID': str(domain),
-                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                'PYTHONPATH': str(Path(__file__).parent),
-                'BENCH_TIMES': '0.3 0.8' if quick else '1.0 4.0',
-            },
+            env=environment,
         )
         running = [start(*command) for command in commands]
         samples = []
         try:
             for _ in range(2):
                 # Fast DDS may write other lines
-                latencies, cpu, cycle = json.loads(
-                    next(line for line in running[0].stdout if line.startswith('['))
-                )
+                line = next(one for one in running[0].stdout if one.startswith('['))
+                latencies, cpu, cycle = json.loads(line)
                 cpu += sum(cpu_of_process(one.pid) for one in running[1:-1])
                 samples.append((time.monotonic(), cpu, cycle))
             elapsed, cpu, cycle = (
                 end - begin for begin, end in zip(*samples, strict=True)
             )
-            pids = [
-                pid for one in running[:-1] for pid in (one.pid, *children(one.pid))
-            ]
+            memory = 0.0
+            for one in running[:-1]:
+                memory += sum(map(memory_of, (one.pid, *children(one.pid))))
             return (
                 median(latencies),
                 cpu / elapsed,
                 cycle / elapsed / 500.0,
                 (cpu + cycle) / elapsed,
-                sum(map(memory_of, pids)),
+                memory,
             )
         finally:
             for one in running:
@@ -183,10 +180,11 @@ def measure(quick, commands, _):
 def rows(quick):
     """Compare both sides of one layout after another."""
     for name, goals, ours, theirs, feeder in LAYOUTS:
-        sides = in_turns(
-            [partial(measure, quick, (*side, feeder)) for side in (ours, theirs)],
-            1 if quick else 7,
-        )
+        contenders = [
+            partial(measure, quick, (*ours, feeder)),
+            partial(measure, quick, (*theirs, feeder)),
+        ]
+        sides = in_turns(contenders, 1 if quick else 7)
         for figure, goal in goals.items():
             index = list(UNITS).index(figure)
             yield row(

@@ -20,6 +20,7 @@ def row(name, unit, goal, ours, competitor):
     sign, bound = goal.split()
     ratio = float(ours / competitor if sign == '<=' else competitor / ours)
     ours, competitor = (float(FACTORS[unit] * figure) for figure in (ours, competitor))
+    is_met = ratio <= float(bound) if sign == '<=' else ratio >= float(bound)
     return {
         'name': name,
         'ours': ours,
@@ -27,7 +28,7 @@ def row(name, unit, goal, ours, competitor):
         'unit': unit,
         'ratio': ratio,
         'goal': goal,
-        'met': ratio <= float(bound) if sign == '<=' else ratio >= float(bound),
+        'met': is_met,
     }
 
 
