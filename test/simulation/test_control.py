@@ -18,11 +18,11 @@ GOAL = Pose(0.0, 0.25, 0.0)
 
 def attenuation(cycles):
     """Return the attenuation of x, y and θ [dB]."""
-    errors, without = (
-        np.array([getattr(one, name) for one in cycles])
-        for name in ('error', 'uncompensated')
-    )
-    return 10.0 * np.log10((without**2).mean(axis=0) / (errors**2).mean(axis=0))
+    errors = np.array([one.error for one in cycles])
+    without = np.array([one.uncompensated for one in cycles])
+    power = (errors**2).mean(axis=0)
+    power_without = (without**2).mean(axis=0)
+    return 10.0 * np.log10(power_without / power)
 
 
 @pytest.mark.parametrize(
@@ -44,14 +44,10 @@ def test_sway_is_attenuated_by_the_required_decibels(name, drive_lag, least):
 def path_on_the_wall(wrong_every, size):
     """Return the head's path [m, m, rad] with bursts of wrong estimates."""
     scenario = load_scenario('burst')
-    loop = ClosedLoop(
-        replace(
-            scenario,
-            estimator=replace(
-                scenario.estimator, wrong_every=wrong_every, wrong_offset=(size,) * 3
-            ),
-        )
+    estimator = replace(
+        scenario.estimator, wrong_every=wrong_every, wrong_offset=(size, size, size)
     )
+    loop = ClosedLoop(replace(scenario, estimator=estimator))
     return np.array([one.head for one in loop.follow(GOAL, 12.0)])
 
 
@@ -66,24 +62,20 @@ def test_strong_shake_along_x_leaves_y_and_yaw():
     """Full compensation of 20 mm at 2 Hz exceeds the carriages: y errs by 11 mm RMS."""
     shake = Motion(x=((0.02, 2.0, 0.0),))
     loop = ClosedLoop(replace(load_scenario('three_tones'), motion=shake))
-    errors = np.array([one.error for one in loop.follow(GOAL, 14.0)[700:]])
+    cycles = loop.follow(GOAL, 14.0)
+    errors = np.array([one.error for one in cycles[700:]])
     assert (abs(errors[:, 1:]) < (1e-3, 2e-3)).all()
 
 
 def pressed(stiffness, duration):
     """Return the loop and the force on the wall of each cycle [N]."""
     scenario = load_scenario('pressing')
-    loop = ClosedLoop(
-        replace(
-            scenario,
-            wall=replace(scenario.wall, brush_stiffness=stiffness),
-            compensator={
-                **scenario.compensator,
-                'contact.stiffness': min(stiffness, 5000.0),
-            },
-        )
-    )
-    return loop, np.array([-one.wrench.fy for one in loop.mission(duration)])
+    compensator = dict(scenario.compensator)
+    compensator['contact.stiffness'] = min(stiffness, 5000.0)
+    wall = replace(scenario.wall, brush_stiffness=stiffness)
+    loop = ClosedLoop(replace(scenario, wall=wall, compensator=compensator))
+    forces = [-one.wrench.fy for one in loop.mission(duration)]
+    return loop, np.array(forces)
 
 
 @pytest.mark.parametrize('stiffness', [600.0, 2000.0])

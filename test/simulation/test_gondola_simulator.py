@@ -42,9 +42,8 @@ def test_estimates_have_frame_and_variances(ros):
     received = Bench(ros).collect(topics.DISTURBANCE)
     ros.until(lambda: received, 'an estimate')
     assert received[-1].header.frame_id == 'facade'
-    assert received[-1].pose.covariance[[0, 35]] == pytest.approx(
-        (1e-6, math.radians(0.1) ** 2)
-    )
+    variances = received[-1].pose.covariance[[0, 35]]
+    assert variances == pytest.approx((1e-6, math.radians(0.1) ** 2))
 
 
 @pytest.mark.parametrize('scenario', ['breeze', 'sensors', 'pressing'])
@@ -60,16 +59,17 @@ def test_each_simulated_measurement_has_a_frame_of_its_namespace(ros, scenario):
     )
     offered = {publisher.topic_name for publisher in simulator.publishers}
     bench = ros.node(namespace='gondola_1')
-    received = {
-        topic.name: ros.collect(bench, *topic[:2], topic.subscription_qos)
-        for topic in measurements
-        if f'/gondola_1/{topic.name}' in offered
-    }
+    received = {}
+    for topic in measurements:
+        if f'/gondola_1/{topic.name}' in offered:
+            qos = topic.subscription_qos
+            received[topic.name] = ros.collect(bench, *topic[:2], qos)
     carriages = bench.create_publisher(*topics.JOINT_STATES)
-    bench.create_timer(
-        0.02,
-        lambda: carriages.publish(joint_state(ros_time(), POSITIONS, (0.0, 0.0, 0.0))),
-    )
+
+    def publish_carriages():
+        carriages.publish(joint_state(ros_time(), POSITIONS, (0.0, 0.0, 0.0)))
+
+    bench.create_timer(0.02, publish_carriages)
     ros.until(lambda: received and all(received.values()), 'each measurement')
     frames = {name: found[-1].header.frame_id for name, found in received.items()}
     assert all(frame.startswith('gondola_1/') for frame in frames.values()), frames
@@ -79,16 +79,20 @@ def test_each_simulated_measurement_has_a_frame_of_its_namespace(ros, scenario):
     assert {frames[name] for name in raw} == {f'gondola_1/{name}' for name in raw}
 
 
+def by_stamp(messages):
+    """Return the poses by their stamps [s]."""
+    return {
+        seconds(one.header.stamp): planar_pose(one.pose, 'pose') for one in messages
+    }
+
+
 def test_head_and_errors_follow_rail_carriages_and_goal(ros):
     bench = Bench(ros)
     received = [*map(bench.collect, GondolaSimulatorNode.POSES)]
     bench.publish(topics.GOAL_POSE, pose_stamped('facade', ros_time(), HEAD))
     bench.stream()
     ros.until(lambda: all(len(poses) > 10 for poses in received), 'the errors')
-    tables = [
-        {seconds(one.header.stamp): planar_pose(one.pose, 'pose') for one in poses}
-        for poses in received
-    ]
+    tables = [by_stamp(messages) for messages in received]
     newest = max(set.intersection(*map(set, tables)))
     head, rail, error, uncompensated = (table[newest] for table in tables)
     assert head == pytest.approx(compose(rail, HEAD), abs=1e-4)
@@ -107,12 +111,9 @@ def test_errors_without_subscriber_are_not_computed(ros, monkeypatch):
     heads = bench.collect(topics.HEAD_POSE)
     bench.publish(topics.GOAL_POSE, pose_stamped('facade', ros_time(), HEAD))
     bench.stream()
+    count = len(GondolaSimulatorNode.POSES)
     ros.until(
-        lambda: (
-            len(bench.tested._poses) == len(GondolaSimulatorNode.POSES)
-            and len(heads) > 3
-        ),
-        'goal and poses',
+        lambda: len(bench.tested._poses) == count and len(heads) > 3, 'goal and poses'
     )
     assert calls == []
 
@@ -123,13 +124,13 @@ def test_wall_acts_on_head_sensor_and_carriages(ros):
         bench.collect, (topics.CONTACT_WRENCH, topics.CARRIAGE_FORCES)
     )
     bench.stream()
-    ros.until(
-        lambda: any(message.wrench.force.y < -5.0 for message in wrenches), 'a wrench'
-    )
+
+    def is_pushed_back(load):
+        return load.effort[0] > 0.0 > load.effort[1]
+
+    ros.until(lambda: any(one.wrench.force.y < -5.0 for one in wrenches), 'a wrench')
     # The wall at 0.19 m pushes a head at 0.25 m back; the loads may arrive after the wrench.
-    ros.until(
-        lambda: any(one.effort[0] > 0.0 > one.effort[1] for one in loads), 'the loads'
-    )
+    ros.until(lambda: any(map(is_pushed_back, loads)), 'the loads')
 
 
 @pytest.mark.parametrize(
@@ -145,20 +146,21 @@ def test_simulator_publishes_only_measurements_of_its_scenario(
     bench = Bench(ros, scenario=scenario)
     received = [*map(bench.collect, published)]
     ros.until(lambda: all(received), 'the measurements')
-    names = {
-        publisher.topic_name.rpartition('/')[2] for publisher in bench.tested.publishers
-    }
-    assert names - {'diagnostics', 'rosout', 'parameter_events'} == {
-        topic.name.rpartition('/')[2]
-        for topic in (*GondolaSimulatorNode.POSES, *published)
-    }
+
+    def short(name):
+        return name.rpartition('/')[2]
+
+    names = {short(publisher.topic_name) for publisher in bench.tested.publishers}
+    expected = {short(topic.name) for topic in published}
+    expected |= {short(topic.name) for topic in GondolaSimulatorNode.POSES}
+    assert names - {'diagnostics', 'rosout', 'parameter_events'} == expected
 
 
 def test_raw_measurements_fill_the_fields_of_their_messages():
-    imu, distance, fix = (
-        raw_fields(topic.name, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-        for topic in (topics.IMU, topics.RANGE_1, topics.FIX_X)
-    )
+    values = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    imu = raw_fields(topics.IMU.name, *values)
+    distance = raw_fields(topics.RANGE_1.name, *values)
+    fix = raw_fields(topics.FIX_X.name, *values)
     assert imu['angular_velocity'].x == 1.0
     assert imu['linear_acceleration'].z == 6.0
     assert distance['range'] == fix['point'].x == 1.0
@@ -175,13 +177,10 @@ def test_impossible_joint_states_are_rejected_and_counted(ros, positions):
 
 def test_viewer_is_closed_with_the_node(ros, monkeypatch):
     calls = []
-    monkeypatch.setattr(
-        gondola_simulator,
-        'open_viewer',
-        lambda world: SimpleNamespace(
-            sync=lambda: calls.append('sync'), close=lambda: calls.append('close')
-        ),
+    viewer = SimpleNamespace(
+        sync=lambda: calls.append('sync'), close=lambda: calls.append('close')
     )
+    monkeypatch.setattr(gondola_simulator, 'open_viewer', lambda world: viewer)
     bench = Bench(ros, viewer=True)
     ros.until(lambda: 'sync' in calls, 'a picture')
     bench.tested.close()

@@ -2,6 +2,7 @@
 
 from math import cos, sin, sqrt
 
+import numpy as np
 import pytest
 
 from facade_manipulator.kinematics import (
@@ -29,15 +30,14 @@ def test_equation_11_is_correct_with_the_velocity_of_q2():
     theta = 0.1
     b = 0.348
     step = 1e-6
-    before, (_, q2, q3), after = (
-        inverse_kinematics(geometry, Pose(0.0, y, theta + turn * step))
-        for turn in (-1, 0, 1)
-    )
-    rate1, rate2, rate3 = (  # of the carriages for one rad/s
-        (late - early) / (2 * step) for early, late in zip(before, after, strict=True)
-    )
+    before = inverse_kinematics(geometry, Pose(0.0, y, theta - step))
+    _, q2, q3 = inverse_kinematics(geometry, Pose(0.0, y, theta))
+    after = inverse_kinematics(geometry, Pose(0.0, y, theta + step))
+    # of the carriages for one rad/s
+    rate1, rate2, rate3 = np.subtract(after, before) / (2 * step)
     factor = 2 * b * cos(theta) - 2 * q2 + 2 * q3
-    right = 2 * b * sin(theta) * (q2 - q3) + 2 * b * y * cos(theta)
+    right_of_y = 2 * b * y * cos(theta)
+    right = 2 * b * sin(theta) * (q2 - q3) + right_of_y
     assert factor * (rate2 - rate3) == pytest.approx(right, abs=1e-9)
     assert abs(factor * (rate1 - rate3) - right) > 0.02  # m² rad/s, as printed
 
@@ -68,31 +68,27 @@ def index(
     a7 = b * s
     power = {name: s if name == printed else s * s for name in ('A8', 'A9')}
     n = 2 * y * y * c + (q1 + q2 - 2 * q3) * y * s
-    a8 = 3 * (b * b * (q1 - q2) * power['A8'] + b * n) ** 2
+    first = b * b * (q1 - q2) * power['A8']
+    a8 = 3 * (first + b * n) ** 2
     a9 = 3 * (n + b * (q1 - q2) * power['A9']) ** 2
     a10 = (q3 - q2 + b * c) ** 2
     a11 = (q1 - q3 + b * c) ** 2
     v = 0.0 if printed == 'v' else 1.0
-    norm = (
-        (y + a7) ** 2 / (3 * a10)
-        + (y - v * a7) ** 2 / (3 * a11)
-        + (a4 + a3 - a1) ** 2 / (3 * a11)
-        + (a4 + (a3 if printed == 'twice' else a2) - a1) ** 2 / (3 * a10)
-        + 1
-    )
-    bracket = (
-        2 * q3 * q3 * s * (s if printed == 'q3' else 1.0)
-        + (q1 + q2 - 2 * q3) * y * c
-        + 2 * (q1 * q2 - q1 * q3 - q2 * q3) * s
-        + b * (q2 - q1) * c * s
-    ) ** 2
-    inverse = (
-        (bracket + 1.0 if printed == 'over' else bracket / a9)
-        + (q1 * y - q2 * y + 2 * b * y * c + a3 + a2 - 2 * b * q3 * s) ** 2 / a8
-        + (a10 if printed == 'A10' else a11) * (a6 + q2 * s - a5) ** 2 / a9
-        + a10 * (a6 + q1 * s - a5) ** 2 / a9
-        + a11 * (y + a7) ** 2 / a8
-        + a10 * (y - a7) ** 2 / a8
-        + 1 / 3
-    )
+    of_y = (y + a7) ** 2 / (3 * a10) + (y - v * a7) ** 2 / (3 * a11)
+    of_q1 = (a4 + a3 - a1) ** 2 / (3 * a11)
+    of_q2 = (a4 + (a3 if printed == 'twice' else a2) - a1) ** 2 / (3 * a10)
+    norm = of_y + of_q1 + of_q2 + 1
+
+    square_of_q3 = 2 * q3 * q3 * s * (s if printed == 'q3' else 1.0)
+    with_y = (q1 + q2 - 2 * q3) * y * c
+    products = 2 * (q1 * q2 - q1 * q3 - q2 * q3) * s
+    bracket = (square_of_q3 + with_y + products + b * (q2 - q1) * c * s) ** 2
+
+    first = bracket + 1.0 if printed == 'over' else bracket / a9
+    sum_2 = q1 * y - q2 * y + 2 * b * y * c + a3 + a2 - 2 * b * q3 * s
+    term_3 = (a10 if printed == 'A10' else a11) * (a6 + q2 * s - a5) ** 2 / a9
+    term_4 = a10 * (a6 + q1 * s - a5) ** 2 / a9
+    term_5 = a11 * (y + a7) ** 2 / a8
+    term_6 = a10 * (y - a7) ** 2 / a8
+    inverse = first + sum_2**2 / a8 + term_3 + term_4 + term_5 + term_6 + 1 / 3
     return 1 / sqrt(norm * inverse)

@@ -15,15 +15,14 @@ from facade_manipulator.study import optimum
 from facade_manipulator.study.optimum import best, designs, evaluate, executor_of, sweep
 from facade_manipulator.study.workspace_metrics import Good
 
-DESIGNS = [(length, 0.35) for length in np.linspace(0.3, 0.4, 200).round(9).tolist()]
+LENGTHS = np.linspace(0.3, 0.4, 200).round(9)
+DESIGNS = [(length, 0.35) for length in LENGTHS.tolist()]
 
 
 def optima(chosen):
     merits = [evaluate(one, NO_GAP, Good()) for one in chosen]
-    return {
-        (row['designs'], row['objective']): row
-        for row in best(merits, optimum.OBJECTIVES)
-    }
+    rows = best(merits, optimum.OBJECTIVES)
+    return {(row['designs'], row['objective']): row for row in rows}
 
 
 @pytest.mark.long

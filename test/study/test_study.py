@@ -35,13 +35,16 @@ def numbers(tmp_path, arguments):
 
 def test_table_2_in_json_has_its_keys_and_ratios(tmp_path):
     rows = numbers(tmp_path, '--table2')['table2']
-    assert [(row['l'], row['b'], round(row['ratio'], 3)) for row in rows] == [
-        (0.15, 0.55, 0.788),
-        (0.2, 0.5, 0.803),
-        (0.25, 0.45, 0.834),
-        (0.3, 0.4, 0.870),
-        (0.352, 0.348, 0.986),
+    designs = [(row['l'], row['b']) for row in rows]
+    assert designs == [
+        (0.15, 0.55),
+        (0.2, 0.5),
+        (0.25, 0.45),
+        (0.3, 0.4),
+        (0.352, 0.348),
     ]
+    ratios = [round(row['ratio'], 3) for row in rows]
+    assert ratios == [0.788, 0.803, 0.834, 0.870, 0.986]
     assert rows[-1]['paper'] == {'area': 0.328, 'ratio': 0.986, 'good_area': 0.323}
     assert all(
         0.0 < row['good_area_section'] < row['area_section'] < row['area_union']
@@ -127,7 +130,8 @@ def test_four_modes_share_the_platform_and_the_link_lengths():
         assert joints[f'b{side}'] == approx(at[0][f'b{side}'])
         assert joints[f'a{side}'][1] == 0.0
         assert dist(joints[f'a{side}'], joints[f'b{side}']) == approx(0.352)
-    q1, q2 = [{round(joints[name][0], 6) for joints in at} for name in ('a1', 'a2')]
+    q1 = {round(joints['a1'][0], 6) for joints in at}
+    q2 = {round(joints['a2'][0], 6) for joints in at}
     # “+−” is the narrowest mode
     assert len(q1) == len(q2) == 2
     assert max(q1) < 0.05 < min(q2)
@@ -137,7 +141,7 @@ def test_four_modes_share_the_platform_and_the_link_lengths():
     'geometry', [DESIGN, NO_GAP, Geometry(0.352, 0.348, (-0.2, 0.3), 0.02)]
 )
 def test_extremes_are_certified_but_not_a_step_beyond(geometry):
-    steps = Pose(0.0, 0.0, 1e-3), Pose(0.0, 1e-3, 0.0), Pose(1e-3, 0.0, 0.0)
+    steps = (Pose(0.0, 0.0, 1e-3), Pose(0.0, 1e-3, 0.0), Pose(1e-3, 0.0, 0.0))
     for pose, step in zip(extremes(geometry), steps, strict=True):
         Mechanism(geometry).certify(subtract(pose, step), min_conditioning=0.0)
         with pytest.raises(LimitError):

@@ -18,13 +18,9 @@ pytestmark = pytest.mark.long
 HAIR = 1e-7
 fractions = st.floats(1e-6, 1.0 - 1e-6)
 geometries = st.sampled_from((DESIGN, NO_GAP, *VARIANTS))
-designs = st.builds(
-    design,
-    st.floats(0.15, 0.4),
-    st.floats(0.3, 0.55),
-    st.floats(0.5, 1.5),
-    st.floats(0.0, 0.1),
-)
+links = st.floats(0.15, 0.4)
+platforms = st.floats(0.3, 0.55)
+designs = st.builds(design, links, platforms, st.floats(0.5, 1.5), st.floats(0.0, 0.1))
 
 
 def is_certified(geometry, x, y, theta):
@@ -51,13 +47,11 @@ def test_ranges_of_y_and_theta_match_certify(geometry, fraction):
     assert lower < 2 * HAIR or not is_certified(geometry, 0.0, lower - HAIR, 0.0)
     for sign in (-1.0, 1.0):
         assert is_certified(geometry, 0.0, y, sign * (bound - HAIR))
-        assert all(
-            is_certified(geometry, 0.0, y, sign * bound * k / 40) for k in range(40)
-        )
-        assert not any(
-            is_certified(geometry, 0.0, y, sign * (bound + HAIR + 0.02 * k))
-            for k in range(140)
-        )
+        for k in range(40):
+            assert is_certified(geometry, 0.0, y, sign * bound * k / 40)
+        for k in range(140):
+            turn = sign * (bound + HAIR + 0.02 * k)
+            assert not is_certified(geometry, 0.0, y, turn)
 
 
 @given(
@@ -80,10 +74,10 @@ def test_section_area_equals_the_sum_of_widths(geometry, good):
 def test_union_area_equals_area_of_fine_grid():
     y = (np.arange(300) + 0.5) * 0.352 / 300
     at = pose_map(NO_GAP, y[:, None], np.linspace(-0.34, 0.34, 681))
-    covered = np.fmax.reduce(at.upper, axis=1) - np.fmin.reduce(at.lower, axis=1)
-    assert workspace_metrics.union_area(NO_GAP) == pytest.approx(
-        np.nansum(covered) * 0.352 / 300, rel=2e-3
-    )
+    right = np.fmax.reduce(at.upper, axis=1)
+    left = np.fmin.reduce(at.lower, axis=1)
+    area = np.nansum(right - left) * 0.352 / 300
+    assert workspace_metrics.union_area(NO_GAP) == pytest.approx(area, rel=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -102,12 +96,9 @@ def test_volume_equals_the_sum_over_a_fine_grid(geometry, good):
     at = pose_map(geometry, y[:, None], theta, good.characteristic_length)
     total = at.width.sum()
     found = measure(geometry, good)
-    assert found.volume == pytest.approx(
-        total * geometry.link_length / 700 * 1.5e-3, rel=3e-3
-    )
-    assert found.ratio == pytest.approx(
-        at.width[at.conditioning >= good.threshold].sum() / total, abs=3e-3
-    )
-    assert found.beyond_share == pytest.approx(
-        at.width[at.number <= 0.0].sum() / total, abs=3e-3
-    )
+    cell = geometry.link_length / 700 * 1.5e-3
+    good_share = at.width[at.conditioning >= good.threshold].sum() / total
+    beyond_share = at.width[at.number <= 0.0].sum() / total
+    assert found.volume == pytest.approx(total * cell, rel=3e-3)
+    assert found.ratio == pytest.approx(good_share, abs=3e-3)
+    assert found.beyond_share == pytest.approx(beyond_share, abs=3e-3)

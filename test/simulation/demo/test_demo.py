@@ -13,7 +13,7 @@ import pytest
 from support import children, DEADLINE, patiently, wait_until
 
 from facade_manipulator.drives.axis_settings import AxisSettings
-from facade_manipulator.simulation.demo.demo import Demo
+from facade_manipulator.simulation.demo.demo import Demo, main
 from facade_manipulator.timeouts import braking_time, CLOSE_TIMEOUT
 
 DEMO = 'facade_manipulator.simulation.demo.demo'
@@ -37,12 +37,13 @@ def start(start_process, folder):
         process = start_process(
             DEMO, '--duration', str(duration), '--output', str(folder)
         )
-        wait_until(
-            lambda: words in process.log.read_text() or process.poll() is not None,
-            f'"{words}"',
-            RUN_DEADLINE,
-        )
-        assert words in (text := process.log.read_text()), text
+
+        def has_happened():
+            return words in process.log.read_text() or process.poll() is not None
+
+        wait_until(has_happened, f'"{words}"', RUN_DEADLINE)
+        text = process.log.read_text()
+        assert words in text, text
         return process
 
     # the drives may stop on a busy computer
@@ -139,13 +140,13 @@ def test_ctrl_c_while_drawing_leaves_only_complete_files(start, folder):
     assert json.loads((folder / 'summary.json').read_text())
 
 
+def is_driver(pid):
+    return b'nodes.driver' in Path(f'/proc/{pid}/cmdline').read_bytes()
+
+
 def test_drives_that_stop_end_the_demo_with_the_reason(start):
     process = start(' 0.0 s ')
-    driver = next(
-        pid
-        for pid in children(process.pid)
-        if b'nodes.driver' in Path(f'/proc/{pid}/cmdline').read_bytes()
-    )
+    (driver,) = [pid for pid in children(process.pid) if is_driver(pid)]
     (loop,) = children(driver)
     os.kill(loop, signal.SIGSTOP)
     time.sleep(FREEZE)
@@ -154,28 +155,34 @@ def test_drives_that_stop_end_the_demo_with_the_reason(start):
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'status', 'message'),
+    ('arguments', 'expected_status', 'message'),
     [
         (
-            ('--duration', '0'),
+            ['--duration', '0'],
             2,
             'argument --duration: 0 is not a finite number above 0',
         ),
         (
-            ('--output', '/proc/nowhere'),
+            ['--output', '/proc/nowhere'],
             1,
             'demo: /proc/nowhere rejected: it does not exist; next: check the path',
-        ),
-        (
-            ('--viewer',),
-            1,
-            'this computer has no display .*; next: run it without the viewer',
         ),
     ],
 )
 def test_bad_arguments_are_rejected_in_a_line(
-    start_process, monkeypatch, arguments, status, message
+    capsys, arguments, expected_status, message
 ):
+    try:
+        status = main(arguments)
+    except SystemExit as ended:  # of argparse
+        status = ended.code
+    assert status == expected_status
+    assert message in capsys.readouterr().err
+
+
+def test_viewer_without_a_display_is_rejected_in_a_line(start_process, monkeypatch):
     for variable in ('DISPLAY', 'WAYLAND_DISPLAY'):
         monkeypatch.delenv(variable, raising=False)
-    assert re.search(message, end(start_process(DEMO, *arguments), status))
+    text = end(start_process(DEMO, '--viewer'), 1)
+    rejection = 'this computer has no display .*; next: run it without the viewer'
+    assert re.search(rejection, text)

@@ -17,26 +17,26 @@ def run(amplitude=1e-3, force=None, samples=4000, **scenario):
     """Return a run with an error at 1 Hz along x [m] on a swaying gondola, and a force [N]."""
     times = 1e3 + 0.0101 * np.arange(samples)
     references = np.tile((0.1, 0.25, 0.0), (samples, 1))
-    heads = references + np.outer(np.sin(math.tau * times), (amplitude, 1e-4, 1e-4))
+    error = np.outer(np.sin(math.tau * times), (amplitude, 1e-4, 1e-4))
+    heads = references + error
     rails = np.tile((0.0, 0.01, 0.02), (samples, 1))
     rails[:, 0] = 0.05 * np.sin(times)
     wrenches = np.zeros((samples, 3))
     wrenches[:, 1] = 0.0 if force is None else -force
-    tables = [
-        np.column_stack((times, table))
-        for table in (heads, rails, references, wrenches)
-    ]
-    return Run(
-        [*tables[:3], tables[3] if force is not None else ()], Scenario(**scenario)
-    )
+
+    def table(values):
+        return np.column_stack((times, values))
+
+    tables = [table(heads), table(rails), table(references)]
+    tables.append(() if force is None else table(wrenches))
+    return Run(tables, Scenario(**scenario))
 
 
 def test_figures_and_spectrum_show_the_recorded_error():
     made = run()
     assert made.times[made.is_counted][0] == pytest.approx(15.0, abs=0.02)
-    assert made.rms[0, 0] == pytest.approx(
-        math.hypot(0.05 / math.sqrt(2), 0.005), rel=0.05
-    )
+    sway = math.hypot(0.05 / math.sqrt(2), 0.005)
+    assert made.rms[0, 0] == pytest.approx(sway, rel=0.05)
     assert made.rms[0, 1] == pytest.approx(1e-3 / math.sqrt(2), rel=0.02)
     assert re.fullmatch(r'x 35[\d.]* → 0.7\d* mm \([\d.]+ dB\)', made.figures[0])
     over_time, by_frequency, *_ = demo_report.errors(made).axes
@@ -103,31 +103,31 @@ def test_axis_that_yields_to_contact_has_no_limit(yields):
     assert ['dB' in text for text in made.figures] == [True, True, not yields]
 
 
+def demo_of(scenario, folder, duration):
+    return Mock(
+        output=folder,
+        duration=duration,
+        scenario=scenario,
+        counters=dict,
+        priority=0,
+        scheduling='no real-time priority',
+    )
+
+
 def test_low_attenuation_fails_only_a_long_demo(tmp_path, monkeypatch):
     monkeypatch.setattr(demo_report, 'draw', Mock(return_value={}))
     monkeypatch.setattr(demo, 'handle_signals', Mock())
     made = run(amplitude=0.05)
-    short, long = (
-        Mock(
-            output=tmp_path,
-            duration=duration,
-            scenario=made.scenario,
-            counters=dict,
-            priority=0,
-            scheduling='no real-time priority',
-        )
-        for duration in (9.0, 11.0)
-    )
-    demo.Demo.report(short, made)
+    demo.Demo.report(demo_of(made.scenario, tmp_path, 9.0), made)
+    longer = demo_of(made.scenario, tmp_path, 11.0)
     with pytest.raises(ManipulatorError, match='attenuation too low: x .*no real-time'):
-        demo.Demo.report(long, made)
+        demo.Demo.report(longer, made)
 
 
 def test_noise_of_the_force_sensor_is_not_contact():
     noise = np.random.default_rng(0).normal(0.0, 0.5, 4000)
-    (panel,) = demo_report.force(
-        run(force=noise + 30.0 * (np.arange(4000) > 3000))
-    ).axes
+    contact = 30.0 * (np.arange(4000) > 3000)
+    (panel,) = demo_report.force(run(force=noise + contact)).axes
     share = float(re.search(r'for ([\d.]+) %', panel.get_title())[1])
     assert share == pytest.approx(25.0, abs=0.3)
     assert panel.lines[0].get_ydata()[-1] == pytest.approx(30.0, abs=1.0)

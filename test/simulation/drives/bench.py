@@ -48,13 +48,11 @@ class Bench:
 
     def __init__(self, profile='simulated', start=0.0, **settings):
         self.profile = load_profile(profile) if isinstance(profile, str) else profile
-        self.drive = SimulatedDrive(
-            AxisSettings(
-                node_id=NODE, home_position=start, lower_limit=-0.56, upper_limit=0.56
-            ),
-            SimulationSettings(**settings),
-            self.profile,
+        axis = AxisSettings(
+            node_id=NODE, home_position=start, lower_limit=-0.56, upper_limit=0.56
         )
+        simulation = SimulationSettings(**settings)
+        self.drive = SimulatedDrive(axis, simulation, self.profile)
         self.drive.set_identity(1, 2, 3, 4)
         self.now = 0.0
         self.sent = []
@@ -98,7 +96,10 @@ class Bench:
 
     def read(self, index, subindex=0):
         """Return the value of an object, or None if the drive aborts."""
-        answer = self.sdo(bytes([0x40, index & 0xFF, index >> 8, subindex, 0, 0, 0, 0]))
+        low_byte = index & 0xFF
+        high_byte = index >> 8
+        request = bytes([0x40, low_byte, high_byte, subindex, 0, 0, 0, 0])
+        answer = self.sdo(request)
         if answer[0] == 0x80:
             return None
         size = 4 - (answer[0] >> 2 & 3)
@@ -124,13 +125,11 @@ class Bench:
         controller = ControllerSettings(rate=round(1.0 / PERIOD))
         for write in drive_writes(self.profile, self.profile.applied(AXIS), controller):
             assert self.write(*write[:4]) is None, write
-        values = {
-            self.profile.location('home_position'): home_position,
-            (0x6084, 0): round(2.0 * CPM),
-        }  # slower than the quick stop of 6085h
-        for place, value in (
-            values | {(int(name[1:], 16), 0): value for name, value in changes.items()}
-        ).items():
+        values = {self.profile.location('home_position'): home_position}
+        values[0x6084, 0] = round(2.0 * CPM)  # slower than the quick stop of 6085h
+        for name, value in changes.items():
+            values[int(name[1:], 16), 0] = value
+        for place, value in values.items():
             assert self.write(*place, value) is None, place
         self.nmt(NMT_START)
         return self

@@ -44,12 +44,13 @@ STANDARD = {  # by state: the state after each command that changes the state
 }
 
 
-def standard_command(bits):
-    (command,) = {
-        command
-        for pattern, command in COMMAND_BITS
-        if all(p in ('x', b) for p, b in zip(pattern, bits, strict=True))
-    }
+def has_pattern(bits, pattern):
+    return all(p in ('x', b) for p, b in zip(pattern, bits, strict=True))
+
+
+def standard_command(controlword):
+    bits = [str(controlword >> bit & 1) for bit in (7, 3, 2, 1, 0)]
+    (command,) = [one for pattern, one in COMMAND_BITS if has_pattern(bits, pattern)]
     return command
 
 
@@ -57,11 +58,9 @@ def standard_command(bits):
 def test_simulated_drive_in_any_state_obeys_each_controlword(state):
     drive = Bench().configure().drive
     for controlword in range(0x200):
+        drive.axis.control(Controlword.QUICK_STOP)  # the fault reset is an edge
         drive.axis.state = state
-        drive.axis._controlword = Controlword.QUICK_STOP
         drive.errors = [0x8611] * (state is State.FAULT)
         drive.axis.control(controlword)
-        command = standard_command(
-            tuple(str(controlword >> bit & 1) for bit in (7, 3, 2, 1, 0))
-        )
+        command = standard_command(controlword)
         assert drive.axis.state is STANDARD[state].get(command, state), hex(controlword)

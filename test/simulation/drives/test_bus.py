@@ -37,23 +37,12 @@ def test_wrong_option_is_rejected_in_one_sentence(arguments, words, capsys):
 
 
 def test_options_of_the_executable_reach_the_drives():
-    first, second = drive_simulator.make_drives(
-        drive_simulator._parser().parse_args(
-            [
-                '--node-ids',
-                '4',
-                '5',
-                '--start-positions',
-                '0.2',
-                '--directions',
-                '-1',
-                '--lag',
-                '0.02',
-                '--missing-objects',
-                '0x60C5',
-            ]
-        )
+    options = (
+        '--node-ids 4 5 --start-positions 0.2 --directions -1 --lag 0.02 '
+        '--missing-objects 0x60C5'
     )
+    arguments = drive_simulator._parser().parse_args(options.split())
+    first, second = drive_simulator.make_drives(arguments)
     assert first.node_id == 4
     assert second.node_id == 5
     for drive in (first, second):

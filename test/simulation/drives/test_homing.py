@@ -50,22 +50,23 @@ PLACES = {
 def homing(method, start=0.05, offset=12345, **settings):
     profile = 'epos4' if method in (23, 27, 33, 34) else 'simulated'
     bench = Bench(profile, start=start, **settings)
-    unit = AxisSettings(
-        velocity_unit=bench.profile.velocity_unit
-    ).velocity_units_per_count
-    speeds = {
-        f'_{key}': round(value * CPM * unit)
-        for key, value in {
-            '609A': 1.0,
-            '607F': 0.6,
-            '6080': 0.6,
-            '60C5': 6.0,
-            '6085': 5.0,
-        }.items()
-    }
-    bench.configure(offset, _6098=method, **speeds)
-    bench.write(0x6099, 1, round(0.2 * CPM * unit))
-    bench.write(0x6099, 2, round(0.02 * CPM * unit))
+    velocity = AxisSettings(velocity_unit=bench.profile.velocity_unit)
+    unit = velocity.velocity_units_per_count
+
+    def scaled(value):
+        return round(value * CPM * unit)
+
+    bench.configure(
+        offset,
+        _6098=method,
+        _609A=scaled(1.0),
+        _607F=scaled(0.6),
+        _6080=scaled(0.6),
+        _60C5=scaled(6.0),
+        _6085=scaled(5.0),
+    )
+    bench.write(0x6099, 1, scaled(0.2))
+    bench.write(0x6099, 2, scaled(0.02))
     return bench.enable(Mode.HOMING)
 
 
@@ -75,10 +76,8 @@ def bits(bench):
 
 def run(bench, cycles=5000):
     bench.command(Controlword.HOMING_START)
-    return bench.until(
-        lambda: bits(bench) in (DONE, Status.HOMING_ERROR | Status.TARGET_REACHED),
-        cycles,
-    )
+    ends = (DONE, Status.HOMING_ERROR | Status.TARGET_REACHED)
+    return bench.until(lambda: bits(bench) in ends, cycles)
 
 
 @pytest.mark.parametrize(

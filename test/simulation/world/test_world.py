@@ -141,26 +141,25 @@ def test_raw_sensors_read_the_prescribed_motion(monkeypatch):
     counts = Counter()
     for sensor, stamp, values in world.raw_sensors.receive(math.inf):
         counts[sensor] += 1
-        before, here, after = (
-            np.array(motion(stamp + shift)) for shift in (-1e-3, 0.0, 1e-3)
-        )
+        before = np.array(motion(stamp - 1e-3))
+        here = np.array(motion(stamp))
+        after = np.array(motion(stamp + 1e-3))
         (ax, ay, _) = (before - 2.0 * here + after) / 1e-6
         (x, y, theta) = here
         cosine = math.cos(theta)
         sine = math.sin(theta)
-        expected = {
-            'imu': (
-                0.0,
-                0.0,
-                (after - before)[2] / 2e-3,
-                cosine * ax + sine * ay,
-                cosine * ay - sine * ax,
-                GRAVITY,
-            ),
+        turn = (after - before)[2] / 2e-3
+        along = cosine * ax + sine * ay
+        across = cosine * ay - sine * ax
+        forces_and_rates = (0.0, 0.0, turn, along, across, GRAVITY)
+        mark = cosine * (0.1 - x) + sine * (0.45 - y) - 0.1
+        expected_values = {
+            'imu': forces_and_rates,
             'range_1': ((0.45 - y + 0.5 * sine) / cosine,),
             'range_2': ((0.45 - y - 0.5 * sine) / cosine,),
-            'fix_x': (cosine * (0.1 - x) + sine * (0.45 - y) - 0.1,),
-        }[sensor]
+            'fix_x': (mark,),
+        }
+        expected = expected_values[sensor]
         if sensor != 'imu' or counts['imu'] > 10:  # the sway begins with a jerk
             assert values == pytest.approx(
                 expected, abs=3e-3 if sensor == 'imu' else 2e-5
@@ -174,17 +173,25 @@ def test_wall_pushes_and_rubs_at_the_bristles(stiffness, slide):
     """Press a brush against the wall with 30 N and slide it along the wall [m/s]."""
     wall = Wall(is_touched=True, distance=0.2, brush_stiffness=stiffness)
     depth = 30.0 / stiffness
-    world = World(
-        Scenario(motion=STILL, wall=wall), GEOMETRY, head=Pose(0.0, 0.19, 0.0)
-    )
-    finish(world, 1.0, lambda t: Pose(0.0, 0.19 + (0.01 + depth) * t, 0.0))
-    fx, fy, mz = finish(world, 1.0, lambda t: Pose(slide * t, 0.2 + depth, 0.0)).wrench
+    scenario = Scenario(motion=STILL, wall=wall)
+    world = World(scenario, GEOMETRY, head=Pose(0.0, 0.19, 0.0))
+
+    def press(t):
+        return Pose(0.0, 0.19 + (0.01 + depth) * t, 0.0)
+
+    def rub(t):
+        return Pose(slide * t, 0.2 + depth, 0.0)
+
+    finish(world, 1.0, press)
+    fx, fy, mz = finish(world, 1.0, rub).wrench
     assert fy == pytest.approx(-30.0, rel=0.04)
-    assert fx == pytest.approx(0.3 * fy * np.sign(slide), rel=0.01, abs=0.01)
+    friction = 0.3 * fy * np.sign(slide)
+    assert fx == pytest.approx(friction, rel=0.01, abs=0.01)
     assert mz == pytest.approx(fx * depth, rel=0.05, abs=1e-3)
 
 
 def test_noise_of_the_force_sensor_has_its_deviation():
     world = World(Scenario(wall=Wall(is_touched=True)), GEOMETRY)
     readings = np.array([world.measure_wrench() for _ in range(4000)])
-    assert readings.std(axis=0) == pytest.approx((0.5, 0.5, 0.05), rel=0.05)
+    deviations = readings.std(axis=0)
+    assert deviations == pytest.approx((0.5, 0.5, 0.05), rel=0.05)
