@@ -10,14 +10,25 @@ from facade_manipulator.tools.calibration import __main__ as calibrate
 from facade_manipulator.tools.commissioning import __main__ as commission
 from facade_manipulator.tools.parameter_files import read_machine
 
+
+def run_stopping(*files):
+    return stopping.main([*files])
+
+
+def run_calibrate(*files):
+    parameters = ['--parameters', *files] if files else []
+    return calibrate.main(['poses', '--count', '4', *parameters])
+
+
+def run_commission(*files):
+    parameters = ['--parameters', *files] if files else []
+    return commission.main(['scan', '--yes', *parameters])
+
+
 TOOLS = {
-    'stopping': lambda *files: stopping.main([*files]),
-    'calibrate': lambda *files: calibrate.main(
-        ['poses', '--count', '4', *(['--parameters', *files] if files else [])]
-    ),
-    'commission': lambda *files: commission.main(
-        ['scan', '--yes', *(['--parameters', *files] if files else [])]
-    ),
+    'stopping': run_stopping,
+    'calibrate': run_calibrate,
+    'commission': run_commission,
 }
 OWNER = {'stopping': 'driver', 'calibrate': 'compensator', 'commission': 'driver'}
 UNKNOWN = {  # content of a file, and the name in the message

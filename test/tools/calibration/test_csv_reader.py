@@ -59,6 +59,5 @@ def test_empty_optional_cells_are_nan(tmp_path):
     path = tmp_path / 'table.csv'
     path.write_text('q1_mm,y,goal_x\n100,,5\n200,0.3,\n')
     table = read_table(path, ['q1'], ['x', 'y'])
-    assert table == pytest.approx(
-        np.array([[0.1, np.nan, np.nan], [0.2, np.nan, 0.3]]), nan_ok=True
-    )
+    expected = np.array([[0.1, np.nan, np.nan], [0.2, np.nan, 0.3]])
+    assert table == pytest.approx(expected, nan_ok=True)

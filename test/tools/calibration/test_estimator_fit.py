@@ -34,11 +34,9 @@ TIMES = np.arange(0.0, 60.0, 0.02) + 1.8e9  # s since 1970
 
 
 def sway(time, yaw=0.01):
-    return Pose(
-        0.06 * math.sin(0.9 * time) + 0.02 * math.sin(2.1 * time),
-        0.015 * math.sin(1.7 * time),
-        yaw * (math.sin(1.3 * time) + math.sin(0.5 * time)),
-    )
+    x = 0.06 * math.sin(0.9 * time) + 0.02 * math.sin(2.1 * time)
+    turn = yaw * (math.sin(1.3 * time) + math.sin(0.5 * time))
+    return Pose(x, 0.015 * math.sin(1.7 * time), turn)
 
 
 def wiping(time):
@@ -53,42 +51,37 @@ def standing(_):
 def measured(yaw, head, axes):
     """Return the poses of the estimator, the carriages and the poses of the instrument."""
     solve = Mechanism(GEOMETRY).inverse_kinematics
-    passed = (TIMES - TIMES[0]).tolist()
-    return (
-        np.array(
-            [published_motion(sway(time, yaw), MOUNTING, axes) for time in passed]
-        ),
-        np.array([solve(head(time)) for time in passed]),
-        np.array(
-            [
-                compose(INSTRUMENT, compose(sway(time, yaw), head(time)))
-                for time in passed
-            ]
-        ),
-    )
+    estimated = []
+    carriages = []
+    seen = []
+    for time in (TIMES - TIMES[0]).tolist():
+        rail = sway(time, yaw)
+        head_on_rail = head(time)
+        estimated.append(published_motion(rail, MOUNTING, axes))
+        carriages.append(solve(head_on_rail))
+        seen.append(compose(INSTRUMENT, compose(rail, head_on_rail)))
+    return np.array(estimated), np.array(carriages), np.array(seen)
 
 
 def recorded(yaw=0.01, head=wiping, seed=0, axes=0.0, noise=1e-3):
     """Return a recording with noise [m, rad] of both sensors, as floats since 1970."""
     random = np.random.default_rng(seed)
-    tables = measured(yaw, head, axes)
-    noises = noise, 0.0, noise
+    estimated, carriages, seen = measured(yaw, head, axes)
+
+    def column(table, late, scale):
+        errors = scale * random.standard_normal((len(TIMES), 3))
+        return np.column_stack([TIMES + late, table + errors])
+
     return EstimatorRecording(
-        *(
-            np.column_stack(
-                [TIMES + late, table + scale * random.standard_normal((len(TIMES), 3))]
-            )
-            for late, table, scale in zip(
-                (DELAY, 0.0, LATE), tables, noises, strict=True
-            )
-        )
+        column(estimated, DELAY, noise),
+        column(carriages, 0.0, 0.0),
+        column(seen, LATE, noise),
     )
 
 
 def off_by(found):
-    return np.abs(
-        [*found.settings.mounting - np.array(MOUNTING), found.settings.delay - DELAY]
-    )
+    mounting_errors = found.settings.mounting - np.array(MOUNTING)
+    return np.abs([*mounting_errors, found.settings.delay - DELAY])
 
 
 @pytest.mark.parametrize('seed', [0, 1])
@@ -175,11 +168,10 @@ def estimate(numbers):
 
 
 def joint_state(numbers):
+    at_rest = [0.0, 0.0, 0.0]
+    positions = np.roll(numbers, 1).tolist()
     return JointState(
-        name=['q3', 'q1', 'q2'],
-        position=np.roll(numbers, 1).tolist(),
-        velocity=[0.0] * 3,
-        effort=[0.0] * 3,
+        name=['q3', 'q1', 'q2'], position=positions, velocity=at_rest, effort=at_rest
     )
 
 
@@ -219,12 +211,9 @@ def test_command_reads_a_recording_and_prints_parameters(tmp_path, capsys):
     report, lines = capsys.readouterr().out.split('Lines for the parameter file:\n')
     assert 'delay' in report
     written = yaml.safe_load(lines)['/**/compensator']['ros__parameters']['estimate']
-    assert (
-        np.abs(
-            np.subtract((*written['mounting'], written['delay']), (*MOUNTING, DELAY))
-        )
-        < LIMITS
-    ).all()
+    found = (*written['mounting'], written['delay'])
+    errors = np.subtract(found, (*MOUNTING, DELAY))
+    assert (np.abs(errors) < LIMITS).all()
 
 
 def test_recording_without_a_topic_is_rejected(tmp_path, capsys):

@@ -15,6 +15,7 @@ from facade_manipulator.kinematics import (
     Geometry,
     Pose,
 )
+from facade_manipulator.parameters import from_mapping
 from facade_manipulator.tools.calibration.__main__ import main
 from facade_manipulator.tools.calibration.geometry_fit import (
     fit_geometry,
@@ -49,14 +50,11 @@ def foreign_head(errors, carriages):
 
     def misses(unknown):
         platform, direction = points(*unknown)
-        return (
-            abs(platform - (DRAWING.platform_half_length + half1) * direction - a1)
-            - DRAWING.link_length
-            - link1,
-            abs(platform + (DRAWING.platform_half_length + half2) * direction - a2)
-            - DRAWING.link_length
-            - link2,
-        )
+        end_1 = platform - (DRAWING.platform_half_length + half1) * direction
+        end_2 = platform + (DRAWING.platform_half_length + half2) * direction
+        miss_1 = abs(end_1 - a1) - DRAWING.link_length - link1
+        miss_2 = abs(end_2 - a2) - DRAWING.link_length - link2
+        return miss_1, miss_2
 
     _, *drawn = forward_kinematics(DRAWING, Carriages(*carriages))
     y, theta = fsolve(misses, drawn, xtol=1e-12)
@@ -86,7 +84,8 @@ def allowed_by_noise(errors, used):
     deviations = np.tile(NOISE, len(used))
     to_errors = np.linalg.pinv(rates(used) / deviations[:, None], rcond=1e-6)
     left = (rates(FRESH) @ to_errors) ** 2
-    return np.sqrt(left.sum(axis=1).reshape(-1, 3).mean(axis=0))
+    variances = left.sum(axis=1).reshape(-1, 3)
+    return np.sqrt(variances.mean(axis=0))
 
 
 def rms(differences):
@@ -130,13 +129,16 @@ def test_frame_of_the_instrument_is_found():
     errors[[6, 7]] = 0.0  # frame rail as defined by q3 and the line of the joints
     rows = measured(errors, random)
     frame = (2.0, -1.0, 0.3)
-    rows.heads[:] = [compose(Pose(*frame), Pose(*head)) for head in rows.heads]
+
+    def in_frame(heads):
+        return np.array([compose(Pose(*frame), Pose(*head)) for head in heads])
+
+    rows.heads[:] = in_frame(rows.heads)
     found = fit_geometry(DRAWING, rows, NOISE, has_frame=True)
     assert np.array(found.frame) == pytest.approx(frame, abs=5e-3)
-    seen = np.array(
-        [compose(Pose(*frame), Pose(*head)) for head in foreign_heads(errors, FRESH)]
-    )
-    left = rms(head_differences(seen, head_poses(found.geometry, FRESH, found.frame)))
+    seen = in_frame(foreign_heads(errors, FRESH))
+    expected = head_poses(found.geometry, FRESH, found.frame)
+    left = rms(head_differences(seen, expected))
     assert (left < 2.5 * found.head_deviation).all()
     with pytest.raises(CalibrationError, match='--frame'):
         fit_geometry(DRAWING, rows, NOISE)
@@ -190,9 +192,8 @@ def test_planned_poses_are_permitted_and_far_apart(capsys):
     header, *rows = capsys.readouterr().out.split()
     assert header.endswith(HEADER)
     carriages = np.array([row.split(',')[4:7] for row in rows], float)
-    apart = np.linalg.norm(carriages[:, None] - carriages, axis=2)[
-        np.triu_indices(12, 1)
-    ]
+    distances = np.linalg.norm(carriages[:, None] - carriages, axis=2)
+    apart = distances[np.triu_indices(12, 1)]
     assert len(carriages) == 12
     assert apart.min() > 100.0
 
@@ -204,15 +205,10 @@ def table(tmp_path):
     rows = measured(errors, 6)
     rows.heads[3, 0] += 4e-3
     path = tmp_path / 'poses.csv'
-    lines = [
-        HEADER,
-        *(
-            ','.join(f'{value:.6f}' for value in row)
-            for row in np.hstack(
-                [1e3 * rows.carriages, rows.heads * [1e3, 1e3, math.degrees(1.0)]]
-            )
-        ),
-    ]
+    heads = rows.heads * [1e3, 1e3, math.degrees(1.0)]
+    lines = [HEADER]
+    for row in np.hstack([1e3 * rows.carriages, heads]):
+        lines.append(','.join(f'{value:.6f}' for value in row))
     path.write_text('\n'.join(lines))
     return path, errors
 
@@ -225,22 +221,17 @@ def test_command_prints_errors_and_parameter_lines(table, capsys):
     assert 'Rows left out of the fit were off by x' in report
     written = yaml.safe_load(lines)['/**']['ros__parameters']['geometry']
     assert written['rail_angle'] == pytest.approx(errors[7], abs=3e-4)
-    found = Geometry(
-        **{
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in written.items()
-        }
-    )
-    assert (
-        rms(foreign_heads(errors, FRESH) - head_poses(found, FRESH)) < 3.0 * NOISE
-    ).all()
+    found = from_mapping(Geometry, written)
+    left = foreign_heads(errors, FRESH) - head_poses(found, FRESH)
+    assert (rms(left) < 3.0 * NOISE).all()
 
 
 def test_dial_gauge_does_not_determine_x_and_angle(table, tmp_path, capsys):
     path, _ = table
     lines = [line.split(',') for line in path.read_text().splitlines()]
     gauge = tmp_path / 'gauge.csv'
-    gauge.write_text('\n'.join(','.join([*cells[:3], cells[4]]) for cells in lines))
+    without_x = [','.join([*cells[:3], cells[4]]) for cells in lines]
+    gauge.write_text('\n'.join(without_x))
     assert main(['geometry', str(gauge)]) == 0
     told = capsys.readouterr().out
     assert 'do not determine' in told

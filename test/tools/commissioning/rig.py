@@ -67,11 +67,10 @@ class CommissionRig(BusWorld):
         self, profile: str = 'simulated', is_moving: bool = True, **others: object
     ) -> CommissionRig:
         """Write an overlay for drives that have their node ids, and may move."""
-        node_ids = {
-            f'{name}.node_id': drive.node_id
-            for name, drive in zip(AXIS_NAMES, self.drives, strict=True)
-        }
-        self.overlay.write('assign', {'axes.profile': profile, **node_ids, **others})
+        values = {'axes.profile': profile}
+        for name, drive in zip(AXIS_NAMES, self.drives, strict=True):
+            values[f'{name}.node_id'] = drive.node_id
+        self.overlay.write('assign', values | others)
         for name in AXIS_NAMES if is_moving else ():
             self.overlay.write(f'direction {name}', {})
         return self

@@ -92,10 +92,9 @@ def test_backup_is_restored_to_another_drive_after_power_cuts(rig, capsys):
     assert rig.run('restore', 'q2', BACKUP) == 0
     assert '77         100000  Profile deceleration' in capsys.readouterr().out
     rig.power_cut()
-    assert [rig.drives[1].objects.values[key] for key in (RAMP, (0x607D, 1))] == [
-        77,
-        -123456,
-    ]
+    restored = rig.drives[1].objects.values
+    assert restored[RAMP] == 77
+    assert restored[0x607D, 1] == -123456
     assert rig.run('restore', 'q2', BACKUP) == 0
     assert 'nothing is written' in capsys.readouterr().out
 

@@ -61,9 +61,8 @@ def test_deceleration_is_found_despite_noise_and_delay(direction, deceleration):
 def test_overshoot_of_a_servo_counts_as_its_stop():
     times, positions = stop(0.3, 3.0, 0.01, 0.0)
     back = positions[-1] - 0.007
-    returned = np.where(
-        times > 0.15, np.maximum(back, positions[-1] - times + 0.15), positions
-    )
+    reversing = np.maximum(back, positions[-1] - times + 0.15)
+    returned = np.where(times > 0.15, reversing, positions)
     found = fit_deceleration(times, returned, STEADY, 0.0)
     assert found.most < 3.3
 

@@ -21,8 +21,11 @@ IO_MODULE = 0x191
 def test_scan_lists_drives_and_profiles(rig, capsys):
     assert rig.run('scan') == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split() for line in lines[1:4]] == [
-        [str(node), str(node), '0', '0', 'simulated'] for node in (1, 2, 3)
+    words = [line.split() for line in lines[1:4]]
+    assert words == [
+        ['1', '1', '0', '0', 'simulated'],
+        ['2', '2', '0', '0', 'simulated'],
+        ['3', '3', '0', '0', 'simulated'],
     ]
 
 
@@ -74,11 +77,8 @@ def test_new_drives_get_the_node_ids_of_their_carriages(make_rig, new, makes):
     assert not any(drive.lss.is_selected for drive in rig.drives)
     rig.power_cut()
     assert [drive.node_id for drive in rig.drives] == [2, 3, 1]
-    assert [rig.parameters[f'q{node}.serial_number'] for node in (1, 2, 3)] == [
-        4713,
-        4711,
-        4712,
-    ]
+    serials = [rig.parameters[f'q{node}.serial_number'] for node in (1, 2, 3)]
+    assert serials == [4713, 4711, 4712]
 
 
 def delay_lss(rig, latencies) -> None:
@@ -215,11 +215,8 @@ def add_foreign(rig, *slaves: ForeignSlave) -> None:
 
 def test_assign_sets_foreign_drives_and_skips_io_modules(make_rig):
     rig = make_rig('--new')
-    slaves = [
-        ForeignSlave(50, DRIVE),
-        ForeignSlave(60, IO_MODULE),
-        *(ForeignSlave(one, DRIVE) for one in SERIALS),
-    ]
+    drives = [ForeignSlave(one, DRIVE) for one in SERIALS]
+    slaves = [ForeignSlave(50, DRIVE), ForeignSlave(60, IO_MODULE), *drives]
     add_foreign(rig, *slaves)
     assert rig.run(*ASSIGN) == 0
     assert [slave.stored for slave in slaves] == [1, 1, 2, 3, 1]
@@ -229,9 +226,8 @@ def test_assign_sets_foreign_drives_and_skips_io_modules(make_rig):
 
 def test_foreign_slave_not_storing_its_node_id_is_named(make_rig, rejected):
     rig = make_rig('--new')
-    add_foreign(
-        rig, *(ForeignSlave(one, DRIVE, keeps=one != SERIALS[1]) for one in SERIALS)
-    )
+    slaves = [ForeignSlave(one, DRIVE, keeps=one != SERIALS[1]) for one in SERIALS]
+    add_foreign(rig, *slaves)
     said = rejected(*ASSIGN)
     assert 'node 3 sent no boot-up message in 5 s' in said
     assert 'q2 has stored node id 2 (serial number 4711)' in said
@@ -260,7 +256,9 @@ def test_commands_are_rejected_beside_another_master(make_rig, rejected, frame):
 
 def test_drive_that_sends_sync_is_a_possible_sender(make_rig, rejected):
     rig = make_rig()
-    rig.drives[1].objects.stored |= {(0x1005, 0): 0x40000080, (0x1006, 0): 50_000}
+    stored = rig.drives[1].objects.stored
+    stored[0x1005, 0] = 0x40000080
+    stored[0x1006, 0] = 50_000
     rig.power_cut()
     assert 'a drive sends SYNC itself: clear bit 30 of its 1005h' in rejected('scan')
 

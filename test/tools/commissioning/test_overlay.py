@@ -52,7 +52,8 @@ def test_overlay_keeps_its_other_parameters_and_steps(tmp_path):
     overlay.path.write_text('/**: {ros__parameters: {geometry: {link_length: 0.36}}}')
     overlay.write('lead q2', {'q2.lead': 0.01})
     overlay.write('direction q2', {'q2.direction': -1})
-    assert read_parameters([overlay.path], 'driver') == {
+    parameters = read_parameters([overlay.path], 'driver')
+    assert parameters == {
         'geometry.link_length': 0.36,
         'q2.lead': 0.01,
         'q2.direction': -1,

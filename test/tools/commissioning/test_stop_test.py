@@ -29,10 +29,12 @@ def test_stopping_distances_are_measured_and_recorded(make_rig, capsys):
     rig = make_rig('--coasting', '1.6').configured()
     assert rig.run('stop-test') == 0
     said = capsys.readouterr().out
-    quick, off = (
-        float(re.search(rf'q1: {way}, ([\d.]+) of', said)[1])
-        for way in ('quick stop', 'power off')
-    )
+
+    def distance(way):
+        return float(re.search(rf'q1: {way}, ([\d.]+) of', said)[1])
+
+    quick = distance('quick stop')
+    off = distance('power off')
     assert 0.0 < quick < off
     assert 'stop-test' in rig.overlay.steps()
     assert not rig.is_powered

@@ -20,20 +20,8 @@ PAGE = (
 ).read_text()
 PREFIX = 'ros2 run facade_manipulator commission'
 NEW = (
-    '--new',
-    '--directions',
-    '1',
-    '-1',
-    '1',
-    '--leads',
-    '0.02',
-    '0.02',
-    '0.01',
-    '--start-positions',
-    '-0.1',
-    '0.1',
-    '-0.05',
-)
+    '--new --directions 1 -1 1 --leads 0.02 0.02 0.01 --start-positions -0.1 0.1 -0.05'
+).split()
 
 
 BLOCK = rf'```\n((?: *{PREFIX}[^\n]*\n)+) *```\n(?:\s*```text\n(.*?)```)?'
@@ -42,13 +30,9 @@ BLOCK = rf'```\n((?: *{PREFIX}[^\n]*\n)+) *```\n(?:\s*```text\n(.*?)```)?'
 def steps():
     """Yield the commands of each block, and the lines that the page shows for them."""
     for block, shown in re.findall(BLOCK, PAGE, re.DOTALL):
-        yield (
-            [
-                shlex.split(line.strip().removeprefix(PREFIX))
-                for line in block.splitlines()
-            ],
-            [line.strip() for line in shown.splitlines()],
-        )
+        lines = [line.strip() for line in block.splitlines()]
+        commands = [shlex.split(line.removeprefix(PREFIX)) for line in lines]
+        yield commands, [line.strip() for line in shown.splitlines()]
 
 
 @pytest.mark.long
@@ -56,9 +40,11 @@ def test_commissioning_page_leads_to_a_machine_that_homes(make_rig, capsys):
     rig = make_rig(*NEW)
     rig.drives[1].objects.stored[0x6084, 0] = 12345  # changed by a previous user
     rig.power_cut()
-    rig.answers = {
-        'serial number ([0-9]+)': lambda found: AXIS_NAMES[SERIALS.index(int(found[1]))]
-    }
+
+    def axis_of(found):
+        return AXIS_NAMES[SERIALS.index(int(found[1]))]
+
+    rig.answers = {'serial number ([0-9]+)': axis_of}
     for commands, shown in steps():
         for words in commands:
             if words[:1] == ['direction']:
@@ -77,9 +63,8 @@ def test_commissioning_page_leads_to_a_machine_that_homes(make_rig, capsys):
     assert rig.overlay.steps().keys() >= {*STEPS}
     axes = Context(_parser().parse_args([])).axes
     assert [axis.direction for axis in axes.values()] == [1, -1, 1]
-    assert [axis.lead for axis in axes.values()] == pytest.approx(
-        [0.02, 0.02, 0.01], rel=2e-3
-    )
+    leads = [axis.lead for axis in axes.values()]
+    assert leads == pytest.approx([0.02, 0.02, 0.01], rel=2e-3)
     for drive, place in zip(rig.drives, (-0.1, 0.1, 0.03), strict=True):
         drive.motor.place(place)  # parked beside the switch that q3 searches for
     machine = Rig(axes=tuple(axes.values()), drives=rig.drives)
