@@ -48,10 +48,9 @@ class Machine:
         self.status = None  # of the driver, which repeats it
         node = ros.node('machine', namespace='gondola_1')
         self.node = node
-        self.driver_status, self.goal_status, self.rejections = (
-            node.create_publisher(*topic)
-            for topic in (topics.DRIVER_STATUS, topics.GOAL_STATUS, topics.REJECTIONS)
-        )
+        self.driver_status = node.create_publisher(*topics.DRIVER_STATUS)
+        self.goal_status = node.create_publisher(*topics.GOAL_STATUS)
+        self.rejections = node.create_publisher(*topics.REJECTIONS)
         for service in (topics.HOME, topics.HALT, topics.CLEAR_FAULTS):
             node.create_service(*service, partial(self.trigger, service.name))
         node.create_service(*topics.GET_STATE, lambda *parts: self.get_state(*parts))
@@ -102,17 +101,11 @@ class Machine:
                 ('of another', {'goal stamp': '1.0', 'state': 'reached'}),
                 (f'{state}: reason', of_goal),
             ):
-                self.goal_status.publish(
-                    diagnostic_status(
-                        '',
-                        'ok',
-                        text,
-                        {
-                            key: value.replace('STAMP', stamp)
-                            for key, value in found.items()
-                        },
-                    )
-                )
+                filled = {
+                    key: value.replace('STAMP', stamp) for key, value in found.items()
+                }
+                status = diagnostic_status('', 'ok', text, filled)
+                self.goal_status.publish(status)
 
         self.node.create_subscription(
             *topics.GOAL_POSE[:2], answer, topics.GOAL_POSE.subscription_qos
@@ -239,11 +232,12 @@ def test_lost_request_is_repeated_only_if_harmless(client, machine, monkeypatch)
     asked = []
     get_state = client._client(topics.GET_STATE)
     ask = get_state.call_async
-    monkeypatch.setattr(
-        get_state,
-        'call_async',
-        lambda request: asked.append(request) or (lost.pop() if lost else ask(request)),
-    )
+
+    def lose_first_requests(request):
+        asked.append(request)
+        return lost.pop() if lost else ask(request)
+
+    monkeypatch.setattr(get_state, 'call_async', lose_first_requests)
     client.home(again=True)
     assert len(asked) == 3
     assert machine.requests == ['driver/home']
@@ -411,7 +405,8 @@ def test_solve_returns_carriages_or_raises_the_limit(client, machine, reason):
 
 
 def test_interrupted_client_can_still_halt(client):
-    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+    interrupt = (os.getpid(), signal.SIGINT)
+    threading.Timer(0.2, os.kill, interrupt).start()
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):

@@ -66,37 +66,32 @@ PAGE = config_path().parent / 'docs/installation.md'
 @pytest.mark.skipif(not PAGE.exists(), reason='the pages exist only in the source tree')
 def test_services_get_each_variable_of_the_middleware():
     (pattern,) = re.findall(r"env \| grep -E '([^']+)'", PAGE.read_text('utf-8'))
-    kept = subprocess.run(
+    environment = {'PATH': os.environ['PATH'], 'HOME': '/root', **MIDDLEWARE}
+    done = subprocess.run(
         ['bash', '-c', 'env | grep -E "$0"', pattern],
-        env={'PATH': os.environ['PATH'], 'HOME': '/root', **MIDDLEWARE},
+        env=environment,
         capture_output=True,
         text=True,
         check=True,
-    ).stdout.splitlines()
+    )
+    kept = done.stdout.splitlines()
     assert {*kept} >= {f'{name}={value}' for name, value in MIDDLEWARE.items()}
     assert 'HOME=/root' not in kept
 
 
 @needs_systemd
 def test_systemd_accepts_the_units():
+    command = ['systemd-analyze', 'verify', '--man=no', '--generators=no']
+    environment = os.environ | {'SYSTEMD_UNIT_PATH': f'{UNITS}:'}
     done = subprocess.run(
-        [
-            'systemd-analyze',
-            'verify',
-            '--man=no',
-            '--generators=no',
-            *UNITS.glob('facade*@.*'),
-        ],
+        [*command, *UNITS.glob('facade*@.*')],
         capture_output=True,
         text=True,
-        env={**os.environ, 'SYSTEMD_UNIT_PATH': f'{UNITS}:'},
+        env=environment,
     )
-    wrong = [
-        line
-        for line in done.stderr.splitlines()
-        # this program is not installed here
-        if 'facade' in line and 'candump is not executable' not in line
-    ]
+    lines = [line for line in done.stderr.splitlines() if 'facade' in line]
+    # this program is not installed here
+    wrong = [line for line in lines if 'candump is not executable' not in line]
     assert not wrong
 
 
@@ -104,17 +99,10 @@ def test_systemd_accepts_the_units():
 @pytest.mark.parametrize('path', SERVICES, ids=lambda path: path.stem)
 def test_exposure_of_each_service_is_rated_ok(path, tmp_path):
     shutil.copytree(ETC, tmp_path / 'etc')
+    command = ['systemd-analyze', 'security', '--offline=true', '--threshold=30']
+    service = path.name.replace('@', '@gondola_1')
     subprocess.run(
-        [
-            'systemd-analyze',
-            'security',
-            '--offline=true',
-            f'--root={tmp_path}',
-            '--threshold=30',
-            path.name.replace('@', '@gondola_1'),
-        ],
-        check=True,
-        capture_output=True,
+        [*command, f'--root={tmp_path}', service], check=True, capture_output=True
     )
 
 

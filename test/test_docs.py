@@ -21,33 +21,23 @@ ROOT = Path(facade_manipulator.__file__).parents[1]
 
 if not (ROOT / 'docs').is_dir():
     pytest.skip('the documents exist only in the source tree', allow_module_level=True)
-TEXTS = {
-    path.relative_to(ROOT).as_posix(): path.read_text()
-    for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))
-}
+FILES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
+TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text() for path in FILES}
 INTERFACES = TEXTS['docs/reference.md']
-BLOCKS = [
-    (name, kind, block)
-    for name, text in TEXTS.items()
-    for kind, block in re.findall(
-        r'^ *```(\w*)\n(.*?)^ *```', text, re.DOTALL | re.MULTILINE
-    )
-]
-EXAMPLES = [
-    pytest.param(dedent(block), id=f'{name}-{number}')
-    for number, (name, kind, block) in enumerate(BLOCKS)
-    if kind == 'python'
-]
-INLINE = [
-    command
-    for text in TEXTS.values()
-    for command in re.findall('`((?:make|ros2|python) [^`]+)`', text)
-]
-COMMANDS = [
-    line
-    for block in (*(block for _, kind, block in BLOCKS if not kind), *INLINE)
-    for line in block.replace('\\\n', ' ').splitlines()
-]
+BLOCK = re.compile(r'^ *```(\w*)\n(.*?)^ *```', re.DOTALL | re.MULTILINE)
+BLOCKS = []  # page, kind and content
+COMMANDS = []
+for page, page_text in TEXTS.items():
+    for block_kind, content in BLOCK.findall(page_text):
+        BLOCKS.append((page, block_kind, content))
+        if not block_kind:
+            COMMANDS += content.replace('\\\n', ' ').splitlines()
+    for inline in re.findall('`((?:make|ros2|python) [^`]+)`', page_text):
+        COMMANDS += inline.replace('\\\n', ' ').splitlines()
+EXAMPLES = []
+for number, (page, block_kind, content) in enumerate(BLOCKS):
+    if block_kind == 'python':
+        EXAMPLES.append(pytest.param(dedent(content), id=f'{page}-{number}'))
 SETUP = (ROOT / 'setup.py').read_text()
 EXECUTABLES = set(
     re.findall(r"'(\w+)'", re.search(r'EXECUTABLES = \(([^)]*)\)', SETUP).group(1))
@@ -57,10 +47,8 @@ EXECUTABLES = set(
 def rows(head: str, text: str = INTERFACES) -> list[list[str]]:
     """Return the cells of the table whose head begins with a text."""
     body = re.search(rf'\n\| {head} .*\n\|[-|]+\n((?:\|.*\n)+)', text).group(1)
-    return [
-        [cell.strip() for cell in line.strip('|').split(' | ')]
-        for line in body.splitlines()
-    ]
+    lines = [line.strip('|') for line in body.splitlines()]
+    return [[*map(str.strip, line.split(' | '))] for line in lines]
 
 
 def names(cell: str) -> list[str]:

@@ -73,25 +73,20 @@ print(json.dumps(found))
 
 def run_without(package, folder, runs):
     """Return exit status and standard error of executables without a package, by their words."""
+    command = [sys.executable, '-c', CODE, json.dumps([package, *runs])]
     done = subprocess.run(
-        [sys.executable, '-c', CODE, json.dumps([package, *runs])],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
+        command, cwd=folder, stdout=subprocess.PIPE, text=True, check=True
     )
     return json.loads(done.stdout.splitlines()[-1])
 
 
 def write_table(folder):
     """Write a table of measured poses for `calibrate geometry`."""
-    poses = subprocess.run(
-        [sys.executable, '-m', 'facade_manipulator.tools.calibration', 'poses'],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-    ).stdout.splitlines()
+    command = [sys.executable, '-m', 'facade_manipulator.tools.calibration', 'poses']
+    done = subprocess.run(
+        command, cwd=folder, stdout=subprocess.PIPE, text=True, check=True
+    )
+    poses = done.stdout.splitlines()
     rows = [poses[0]]
     for row in poses[1:]:
         cells = row.split(',')
@@ -226,12 +221,9 @@ def test_executable_names_the_file_that_it_cannot_use(name, ros_domain, tmp_path
     runs = []
     for file in files:
         runs.append([word.format(file) for word in OF_FILES[name]])
+    command = [sys.executable, '-c', OF_FILES_CODE, name, json.dumps(runs)]
     done = subprocess.run(
-        [sys.executable, '-c', OF_FILES_CODE, name, json.dumps(runs)],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
+        command, cwd=tmp_path, stdout=subprocess.PIPE, text=True, check=True
     )
     found = json.loads(done.stdout.splitlines()[-1])
     for file, (status, errors) in zip(files, found, strict=True):
@@ -244,12 +236,8 @@ def test_closed_pipe_ends_a_tool_silently():
     reader, writer = os.pipe()
     os.close(reader)  # as `head` does after its last line
     with os.fdopen(writer, 'wb') as output:
-        done = subprocess.run(
-            [sys.executable, '-m', 'facade_manipulator.tools.stopping'],
-            stdout=output,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        command = [sys.executable, '-m', 'facade_manipulator.tools.stopping']
+        done = subprocess.run(command, stdout=output, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 141
     assert done.stderr.splitlines()[1:] == []  # only the names of the files
 
@@ -279,18 +267,14 @@ GRAPHICS = ('MUJOCO_GL', 'PYOPENGL_PLATFORM', 'MPLBACKEND', 'QT_QPA_PLATFORM')
     ],
 )
 def test_simulation_starts_with_graphics_settings_of_others(values):
-    subprocess.run(
-        [
-            sys.executable,
-            '-c',
-            'import sys\n'
-            'from facade_manipulator import executables\n'
-            'sys.argv = ["demo", "--help"]\n'
-            'try:\n'
-            '    executables.demo()\n'
-            'finally:\n'
-            '    import facade_manipulator.simulation.world.world\n',
-        ],
-        env=os.environ | dict(zip(GRAPHICS, values, strict=True)),
-        check=True,
+    code = (
+        'import sys\n'
+        'from facade_manipulator import executables\n'
+        'sys.argv = ["demo", "--help"]\n'
+        'try:\n'
+        '    executables.demo()\n'
+        'finally:\n'
+        '    import facade_manipulator.simulation.world.world\n'
     )
+    environment = os.environ | dict(zip(GRAPHICS, values, strict=True))
+    subprocess.run([sys.executable, '-c', code], env=environment, check=True)

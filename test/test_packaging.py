@@ -26,20 +26,18 @@ DISTRIBUTION_OF = {
 }
 # rosdep keys that are apt packages of Ubuntu 24.04 with the same name, and packages of Jazzy:
 # read in ros/rosdistro (rosdep/python.yaml, jazzy/distribution.yaml) at 8468e88 of 2026-08-22
-ROSDEP = {
-    f'python3-{name}'
-    for name in (
-        'can',
-        'hypothesis',
-        'matplotlib',
-        'numpy',
-        'pil',
-        'pytest',
-        'rich',
-        'scipy',
-        'yaml',
-    )
-}
+OF_DISTRIBUTION = (
+    'can',
+    'hypothesis',
+    'matplotlib',
+    'numpy',
+    'pil',
+    'pytest',
+    'rich',
+    'scipy',
+    'yaml',
+)
+ROSDEP = {f'python3-{name}' for name in OF_DISTRIBUTION}
 JAZZY = {
     'rclpy',
     'ament_index_python',
@@ -48,18 +46,13 @@ JAZZY = {
     'launch_ros',
     'rcl_interfaces',
     'std_srvs',
-    *(
-        f'{name}_msgs'
-        for name in (
-            'action',
-            'diagnostic',
-            'geometry',
-            'lifecycle',
-            'nav',
-            'sensor',
-            'std',
-        )
-    ),
+    'action_msgs',
+    'diagnostic_msgs',
+    'geometry_msgs',
+    'lifecycle_msgs',
+    'nav_msgs',
+    'sensor_msgs',
+    'std_msgs',
 }
 MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
 NODES = (
@@ -126,11 +119,11 @@ def test_executable_runs_without_home_and_docstrings(
         ) as process,
     ):
         if name in SHOWN:
-            wait_until(
-                lambda: SHOWN[name] in log.read_text() or process.poll() is not None,
-                f'{name} that runs',
-                60.0,
-            )
+
+            def is_shown():
+                return SHOWN[name] in log.read_text() or process.poll() is not None
+
+            wait_until(is_shown, f'{name} that runs', 60.0)
             process.send_signal(signal.SIGTERM)
         assert process.wait(60.0) == 0, log.read_text()
     assert 'Traceback' not in log.read_text()
@@ -145,13 +138,11 @@ def test_missing_log_folder_names_the_next_step(variables):
     for name, text in os.environ.items():
         if name not in ('ROS_HOME', 'ROS_LOG_DIR'):
             own[name] = text
+    code = (
+        'from facade_manipulator.nodes.run import run; raise SystemExit(run(list, []))'
+    )
     done = subprocess.run(
-        [
-            sys.executable,
-            '-c',
-            'from facade_manipulator.nodes.run import run; '
-            'raise SystemExit(run(list, []))',
-        ],
+        [sys.executable, '-c', code],
         env=own | variables,
         stderr=subprocess.PIPE,
         text=True,
@@ -186,22 +177,15 @@ def test_rosdep_has_every_key_of_the_manifest():
 
 
 def test_imported_packages_are_declared(keywords):
-    declared = [
-        *keywords['install_requires'],
-        *(
-            one
-            for extra in ('study', 'calibration', 'simulation', 'cluster')
-            for one in keywords['extras_require'][extra]
-        ),
-    ]
+    declared = [*keywords['install_requires']]
+    for extra in ('study', 'calibration', 'simulation', 'cluster'):
+        declared += keywords['extras_require'][extra]
     names = {re.split(r'[<>=\[]', line)[0].lower() for line in declared}
     packages = {element.text for element in MANIFEST.iter('exec_depend')}
     known = {*sys.stdlib_module_names, 'facade_manipulator', *packages}
-    used = {
-        name.partition('.')[0]
-        for path in PACKAGE.rglob('*.py')
-        for name in imported_names(path)
-    }
+    used = set()
+    for path in PACKAGE.rglob('*.py'):
+        used |= {name.partition('.')[0] for name in imported_names(path)}
     assert not {
         name for name in used - known if DISTRIBUTION_OF.get(name, name) not in names
     }
@@ -221,12 +205,10 @@ def test_installation_page_lists_packages_that_rosdep_lacks(keywords):
     missing = {
         distribution_name(wanted) for wanted in keywords['install_requires']
     } - of_rosdep
-    missing |= {
-        distribution_name(needed)
-        for wanted in missing
-        for needed in distribution(wanted).requires or ()
-        if 'extra ==' not in needed
-    }
+    for wanted in list(missing):
+        for needed in distribution(wanted).requires or ():
+            if 'extra ==' not in needed:
+                missing.add(distribution_name(needed))
     assert set(line.split('|')) == missing - of_rosdep
 
 

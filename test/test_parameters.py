@@ -96,9 +96,8 @@ def test_missing_values_have_given_defaults():
 
 def test_source_reads_a_group_and_collects_its_names():
     source = ParameterSource({'g.count': 4, 'g.other': 1, 'count': 5})
-    assert source.read(Sample, 'g', ['count', 'low'], high=0.8) == Sample(
-        high=0.8, count=4
-    )
+    found = source.read(Sample, 'g', ['count', 'low'], high=0.8)
+    assert found == Sample(high=0.8, count=4)
     assert source.names == {'g.count', 'g.low'}
 
 
@@ -112,8 +111,9 @@ class Nested:
 
 
 def test_inner_table_keeps_the_defaults_of_its_field():
-    made = from_mapping(Nested, {'sample': {'high': 0.7}, 'points': [[0, 1.5]]})
-    assert made == Nested(sample=Sample(low=0.3, high=0.7), points=([0, 1.5],))
+    content = {'sample': {'high': 0.7}, 'points': [[0, 1.5]]}
+    sample = Sample(low=0.3, high=0.7)
+    assert from_mapping(Nested, content) == Nested(sample=sample, points=([0, 1.5],))
 
 
 @pytest.mark.parametrize(
@@ -168,6 +168,11 @@ def write_files(folder, texts):
     return paths
 
 
+def plain(value):
+    """Return a value of a parameter, an array as a list."""
+    return value.tolist() if hasattr(value, 'tolist') else value
+
+
 @pytest.mark.parametrize('texts', FILES)
 def test_tool_reads_parameter_files_as_rclpy_does(ros, tmp_path, texts):
     paths = write_files(tmp_path, texts)
@@ -176,15 +181,12 @@ def test_tool_reads_parameter_files_as_rclpy_does(ros, tmp_path, texts):
         arguments += ['--params-file', str(path)]
     namespace = 'gondola_1' if 'gondola_1' in ''.join(texts) else ''
     node = ros.node('driver', namespace=namespace, cli_args=['--ros-args', *arguments])
-    expected = {name: one.value for name, one in node._parameter_overrides.items()}
+    overrides = node._parameter_overrides.items()
+    expected = {name: plain(one.value) for name, one in overrides}
     found = read_parameters(paths, 'driver')
-    assert found == {
-        name: value.tolist() if hasattr(value, 'tolist') else value
-        for name, value in expected.items()
-    }
-    assert [type(one) for one in found.values() if not isinstance(one, list)] == [
-        type(expected[name]) for name, one in found.items() if not isinstance(one, list)
-    ]
+    assert found == expected
+    for name, value in found.items():
+        assert type(value) is type(expected[name])
 
 
 @pytest.mark.parametrize(
@@ -221,11 +223,13 @@ def test_number_with_leading_zeros_is_rejected(tmp_path, kind, number):
         'scenario': f'seed: {number}',
     }
     path.write_text(text.get(kind, ''))
+
+    def read_argument():
+        reject_unknown_parameters([], ['-p', f'q1.serial_number:={number}'])
+
     read = {
         'parameters': lambda: read_parameters([path], 'driver'),
-        'argument': lambda: reject_unknown_parameters(
-            [], ['-p', f'q1.serial_number:={number}']
-        ),
+        'argument': read_argument,
         'profile': lambda: load_profile(str(path)),
         'scenario': lambda: load_scenario(str(path)),
     }

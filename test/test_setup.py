@@ -52,43 +52,35 @@ require-hashes = true
 """
 
 
-def test_pip_settings_keep_the_source_of_packages():
+def output_of(code, environment, folder=CI):
+    """Return the lines that a script of bash prints with an environment."""
     done = subprocess.run(
-        ['bash', '-euc', '. ./pip-settings; env'],
-        cwd=CI,
+        ['bash', '-euc', code],
+        cwd=folder,
         text=True,
         capture_output=True,
         check=True,
-        env={'PATH': os.environ['PATH'], **FETCHING, **INSTALLING},
+        env={'PATH': os.environ['PATH'], **environment},
     )
-    left = dict(
-        line.split('=', 1)
-        for line in done.stdout.splitlines()
-        if line.startswith(('PIP_', 'UV_'))
-    )
+    return done.stdout.splitlines()
+
+
+def test_pip_settings_keep_the_source_of_packages():
+    lines = output_of('. ./pip-settings; env', FETCHING | INSTALLING)
+    settings = [line for line in lines if line.startswith(('PIP_', 'UV_'))]
+    left = dict(line.split('=', 1) for line in settings)
     assert left == FETCHING | {'PIP_USER': '0'}
 
 
 def test_pip_files_keep_only_the_source_of_packages(tmp_path):
     (tmp_path / 'pip.conf').write_text(PIP_FILE)
-    done = subprocess.run(
-        [
-            'bash',
-            '-euc',
-            '. ./pip-settings; keep_sources_of_pip_files "$PYTHON"; "$PYTHON" -m pip config list',
-        ],
-        cwd=CI,
-        text=True,
-        capture_output=True,
-        check=True,
-        env={
-            'PATH': os.environ['PATH'],
-            'PIP_CONFIG_FILE': str(tmp_path / 'pip.conf'),
-            'PIP_TIMEOUT': '30',
-            'PYTHON': sys._base_executable,  # .venv of uv has no pip
-        },
-    )
-    left = dict(line.split('=', 1) for line in done.stdout.splitlines())
+    environment = {
+        'PIP_CONFIG_FILE': str(tmp_path / 'pip.conf'),
+        'PIP_TIMEOUT': '30',
+        'PYTHON': sys._base_executable,  # .venv of uv has no pip
+    }
+    code = '. ./pip-settings; keep_sources_of_pip_files "$PYTHON"; "$PYTHON" -m pip config list'
+    left = dict(line.split('=', 1) for line in output_of(code, environment))
     for name, value in {
         'index-url': 'https://example.org/install',
         'extra-index-url': 'https://example.org/a https://example.org/b',
@@ -109,15 +101,8 @@ def test_environment_has_no_variables_of_another_ros():
         'LD_LIBRARY_PATH': '/opt/ros/rolling/lib',
         **OF_OTHER_PROJECTS,
     }
-    done = subprocess.run(
-        ['bash', '-euc', '. .venv/environment; env'],
-        cwd=CI.parent,
-        text=True,
-        capture_output=True,
-        check=True,
-        env={'PATH': os.environ['PATH'], **others},
-    )
-    left = {line.partition('=')[0] for line in done.stdout.splitlines()} & set(others)
+    lines = output_of('. .venv/environment; env', others, CI.parent)
+    left = {line.partition('=')[0] for line in lines} & set(others)
     # packages of a sourced ROS need its variables
     expected = (
         set() if stamp.startswith('wheels') else set(others) - set(OF_OTHER_PROJECTS)

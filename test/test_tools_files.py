@@ -14,10 +14,8 @@ from facade_manipulator.parameters import NODES
 from facade_manipulator.topics import Service, Topic
 
 PAGE = Path(__file__).parents[1] / 'docs/reference.md'
-TOPICS, SERVICES = (
-    [one for one in vars(topics).values() if isinstance(one, kind)]
-    for kind in (Topic, Service)
-)
+TOPICS = [one for one in vars(topics).values() if isinstance(one, Topic)]
+SERVICES = [one for one in vars(topics).values() if isinstance(one, Service)]
 TYPES = {f'/{one.name.lstrip("/")}': one.type for one in TOPICS}
 SHOWN_IN_3D = topics.GOAL_POSE, topics.ROBOT_DESCRIPTION
 # Topics at the rate of joint_states are reliable; other reliable topics are rare or latched.
@@ -66,12 +64,11 @@ def test_reference_page_lists_each_name_once_with_its_type():
 
 
 def test_every_reliable_topic_is_fast_or_rare():
-    names = {
-        one.name
-        for one in TOPICS
-        if one.qos.reliability is ReliabilityPolicy.RELIABLE
-        and not isinstance(one, topics.LatchedTopic)
-    }
+    names = set()
+    for one in TOPICS:
+        is_reliable = one.qos.reliability is ReliabilityPolicy.RELIABLE
+        if is_reliable and not isinstance(one, topics.LatchedTopic):
+            names.add(one.name)
     assert names == {one.name for one in (*EVERY_CYCLE, *RARE)}, (
         'next: add a topic of each cycle to EVERY_CYCLE and config/recording_qos.yaml, and any '
         'other topic to RARE'
@@ -81,11 +78,9 @@ def test_every_reliable_topic_is_fast_or_rare():
 def test_recorder_requests_fast_topics_with_best_effort():
     overrides = read('recording_qos.yaml')
     assert overrides.keys() == {'/tf', *(f'/{topic.name}' for topic in EVERY_CYCLE)}
-    assert all(
-        topic.qos.reliability is not ReliabilityPolicy.BEST_EFFORT
-        and not isinstance(topic, topics.LatchedTopic)
-        for topic in EVERY_CYCLE
-    )
+    for topic in EVERY_CYCLE:
+        assert topic.qos.reliability is not ReliabilityPolicy.BEST_EFFORT
+        assert not isinstance(topic, topics.LatchedTopic)
     for profile in overrides.values():  # rosbag2 needs the depth with the history
         assert profile == {
             'history': 'keep_last',
@@ -103,12 +98,11 @@ def test_rviz_file_shows_published_topics_in_frame_rail():
             for key, topic in display.items():
                 if key in ('Topic', 'Description Topic'):
                     shown[topic['Value']] = topic['Durability Policy']
-    assert shown == {
-        one.name: (
-            'Transient Local' if isinstance(one, topics.LatchedTopic) else 'Volatile'
-        )
-        for one in SHOWN_IN_3D
-    }
+    expected = {}
+    for one in SHOWN_IN_3D:
+        is_latched = isinstance(one, topics.LatchedTopic)
+        expected[one.name] = 'Transient Local' if is_latched else 'Volatile'
+    assert shown == expected
 
 
 def test_foxglove_layout_shows_published_fields():
@@ -139,6 +133,15 @@ def test_plotjuggler_layout_shows_published_fields():
         require_field(f'/{topic}', fields)
 
 
+def counted(analyzers, name: str) -> list[str]:
+    """Return the paths of the analyzers that count a component."""
+    paths = []
+    for analyzer in analyzers:
+        if any(part in name for part in analyzer['contains']):
+            paths.append(analyzer['path'])
+    return paths
+
+
 def test_aggregator_counts_every_component_once():
     """A stale group of a missing optional node would make the top level an error."""
     (content,) = read('diagnostic_aggregator.yaml').values()
@@ -146,19 +149,13 @@ def test_aggregator_counts_every_component_once():
         one for one in content['ros__parameters'].values() if isinstance(one, dict)
     ]
     assert len({one['path'] for one in analyzers}) == len(analyzers)
-    for name in (
-        f'{namespace}{node}: operation'
-        for node in NODES
-        for namespace in ('', 'gondola_1/')
-    ):
-        assert (
-            sum(any(part in name for part in one['contains']) for one in analyzers) == 1
-        )
-    lasting = {
-        one['contains'][0].rstrip(': '): one.get('num_items')
-        for one in analyzers
-        if not one.get('discard_stale')
-    }
+    for node in NODES:
+        assert len(counted(analyzers, f'{node}: operation')) == 1
+        assert len(counted(analyzers, f'gondola_1/{node}: operation')) == 1
+    lasting = {}
+    for one in analyzers:
+        if not one.get('discard_stale'):
+            lasting[one['contains'][0].rstrip(': ')] = one.get('num_items')
     required = {name for name, number in lasting.items() if number != 0}
     assert required == {'driver', 'ik_service', 'compensator'}
     assert {*lasting} == required | {'disturbance_estimator'}
