@@ -69,20 +69,18 @@ NODES = {
 }
 
 
+def parameters_of(values):
+    """Return values by name as ROS parameters."""
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
 class NodeBench:
     """Node under test with parameters, and its neighbours in the graph."""
 
     def __init__(self, ros, make, parameters=None, **options):
         self.ros = ros
-        self.tested = ros.add(
-            make(
-                parameter_overrides=[
-                    Parameter(name, value=value)
-                    for name, value in (parameters or {}).items()
-                ],
-                **options,
-            )
-        )
+        overrides = parameters_of(parameters or {})
+        self.tested = ros.add(make(parameter_overrides=overrides, **options))
         self.node = ros.node(namespace=self.tested.get_namespace())
         self.components: dict[str, DiagnosticStatus] = {}
         self.node.create_subscription(*topics.DIAGNOSTICS[:2], self._receive, 100)
@@ -114,15 +112,12 @@ class NodeBench:
 
     def collect(self, topic, depth=100):
         """Return a list that collects the messages on a topic."""
-        return self.ros.collect(
-            self.node,
-            *topic[:2],
-            topics.QoSProfile(
-                depth=depth,
-                durability=topic.subscription_qos.durability,
-                reliability=topic.qos.reliability,
-            ),
+        qos = topics.QoSProfile(
+            depth=depth,
+            durability=topic.subscription_qos.durability,
+            reliability=topic.qos.reliability,
         )
+        return self.ros.collect(self.node, *topic[:2], qos)
 
     def call(self, service, request=None):
         return self.ros.call(self.node, *service, request)
@@ -186,12 +181,8 @@ class DriverBench(NodeBench):
 
     def __init__(self, ros, parameters=None, **options):
         self.make_thread = LoopThread
-        super().__init__(
-            ros,
-            partial(DriverNode, self._launch),
-            SIMULATED | (parameters or {}),
-            **options,
-        )
+        make = partial(DriverNode, self._launch)
+        super().__init__(ros, make, SIMULATED | (parameters or {}), **options)
 
     def _launch(self, *ends):
         self.thread = self.make_thread(*ends)
@@ -199,10 +190,9 @@ class DriverBench(NodeBench):
 
     def change(self, label='', number=0):
         """Request a transition by its label or its id; return whether the transition succeeds."""
-        return self.call(
-            topics.CHANGE_STATE,
-            ChangeState.Request(transition=Transition(label=label, id=number)),
-        ).success
+        transition = Transition(label=label, id=number)
+        request = ChangeState.Request(transition=transition)
+        return self.call(topics.CHANGE_STATE, request).success
 
     def ask(self, name):
         """Return whether a request succeeds, and the driver's message."""

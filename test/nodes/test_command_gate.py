@@ -55,12 +55,9 @@ class Bench:
 
     def report(self, state, since=math.inf, step=0.0):
         """Receive a status; the system clock is set ahead by `step` [s]."""
-        stamp = since + EPOCH
-        self.gate.receive(
-            self.now,
-            self.now + EPOCH + step,
-            DriverStatus(state, 'holding', 'activate', stamp),
-        )
+        now_of_clock = self.now + EPOCH + step
+        status = DriverStatus(state, 'holding', 'activate', since + EPOCH)
+        self.gate.receive(self.now, now_of_clock, status)
 
     def wait(self, duration):
         for _ in range(round(duration / GATE_PERIOD)):

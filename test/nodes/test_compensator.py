@@ -11,7 +11,6 @@ from geometry_msgs.msg import (
     TransformStamped,
     WrenchStamped,
 )
-from geometry_msgs.msg import Pose as PoseMessage
 from hypothesis import given
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
@@ -77,22 +76,21 @@ class Neighbours(NodeBench):
 
     def until_pose(self, pose, what, tolerance=1e-3, disturbance=ZERO_POSE):
         """Wait for a corrected pose that holds the head at a pose on the wall."""
-        self.ros.until(
-            lambda: (
-                self.corrected
-                and compose(disturbance, self.pose())
-                == pytest.approx(pose, abs=tolerance)
-            ),
-            what,
-        )
+
+        def is_there():
+            if not self.corrected:
+                return False
+            found = compose(disturbance, self.pose())
+            return found == pytest.approx(pose, abs=tolerance)
+
+        self.ros.until(is_there, what)
 
     def until_goal_status(self, message):
-        return self.ros.until(
-            lambda: next(
-                (one for one in self.statuses if message in one.message), None
-            ),
-            message,
-        )
+        def found():
+            matching = [one for one in self.statuses if message in one.message]
+            return matching[0] if matching else None
+
+        return self.ros.until(found, message)
 
 
 @pytest.fixture
@@ -138,13 +136,14 @@ def test_goal_is_corrected_until_disabled_silent_or_tared(neighbours):
     assert seconds(message.header.stamp) - neighbours.now() < 0.07
     assert reference.header.stamp in [one.header.stamp for one in neighbours.corrected]
     neighbours.compensation.following.lag = 0.04
+
+    def is_reference_at_lagging_head():
+        reference_time = seconds(neighbours.references[-1].header.stamp)
+        pose_time = seconds(neighbours.corrected[-1].header.stamp)
+        return reference_time == pytest.approx(pose_time + 0.04, abs=1e-6)
+
     neighbours.ros.until(
-        lambda: (
-            seconds(neighbours.references[-1].header.stamp)
-            == pytest.approx(
-                seconds(neighbours.corrected[-1].header.stamp) + 0.04, abs=1e-6
-            )
-        ),
+        is_reference_at_lagging_head,
         'a reference for the instant at which a lagging head is there',
     )
     assert planar_pose(reference.pose, 'reference') == pytest.approx(
@@ -234,10 +233,9 @@ def test_odometry_of_rail_or_estimator_is_accepted(ros, child, x):
 
     def send(child=child, tilt=0.01):
         message = neighbours.stamped(Odometry(child_frame_id=child), 'facade')
-        message.pose.pose = PoseMessage(
-            position=Point(x=x, z=0.4),
-            orientation=Quaternion(x=math.sin(tilt / 2), w=math.cos(tilt / 2)),
-        )
+        message.pose.pose.position = Point(x=x, z=0.4)
+        half = tilt / 2
+        message.pose.pose.orientation = Quaternion(x=math.sin(half), w=math.cos(half))
         neighbours.publish(topics.DISTURBANCE_ODOMETRY, message)
 
     timer = neighbours.repeat(send)
@@ -271,10 +269,10 @@ def test_second_driver_is_named_as_the_cause_of_silence(ros, neighbours):
 
 def test_two_drivers_from_the_start_move_nothing(ros, neighbours):
     """Their rejected status differs from that of a driver of another make, which has none."""
-    drivers = [
-        ros.node(name).create_publisher(*topics.DRIVER_STATUS)
-        for name in ('first', 'second')
-    ]
+    drivers = []
+    for name in ('first', 'second'):
+        driver = ros.node(name).create_publisher(*topics.DRIVER_STATUS)
+        drivers.append(driver)
     for driver in drivers:
         ros.until(driver.get_subscription_count, 'the compensator')
     status = DriverStatus('active', 'holding', '', neighbours.now())
@@ -466,9 +464,11 @@ def test_hold_ends_the_goal_and_reports_no_other(following):
 def test_force_and_lateral_offset_reach_the_contact(ros):
     neighbours = Neighbours(ros, {'contact.enabled': True, 'lateral.enabled': True})
     contact = neighbours.compensation.contact
-    neighbours.repeat(
-        lambda: neighbours.press(-5.0 + 0.01 * math.sin(1e3 * neighbours.now()))
-    )
+
+    def press():
+        neighbours.press(-5.0 + 0.01 * math.sin(1e3 * neighbours.now()))
+
+    neighbours.repeat(press)
     offset = PointStamped(point=Point(x=0.02))
     neighbours.repeat(
         lambda: neighbours.publish(

@@ -4,9 +4,8 @@ from pathlib import Path
 import re
 
 from nav_msgs.srv import GetPlan
-from nodes.node_rig import NodeBench, NODES
+from nodes.node_rig import NodeBench, NODES, parameters_of
 import pytest
-from rclpy.parameter import Parameter
 
 from facade_manipulator import topics
 from facade_manipulator.kinematics import Pose
@@ -26,51 +25,44 @@ def sections() -> dict[str, dict[str, str]]:
     found = {}
     for part in PAGE.read_text().split('\n## '):
         name = part.partition('\n')[0]
-        found['' if name.startswith('#') else name] = {
-            key: meaning
-            for keys, meaning in re.findall(r'^\| (`.*`) \| (.*) \| .* \|$', part, re.M)
-            for key in re.findall('`([^`]+)`', keys)
-        }
+        meanings = {}
+        for keys, meaning in re.findall(r'^\| (`.*`) \| (.*) \| .* \|$', part, re.M):
+            for key in re.findall('`([^`]+)`', keys):
+                meanings[key] = meaning
+        found['' if name.startswith('#') else name] = meanings
     return found
 
 
 def matching(name: str, patterns) -> str | None:
     """Return the pattern that matches a name; * in a pattern is any text."""
-    return next(
-        (
-            one
-            for one in patterns
-            if re.fullmatch(re.escape(one).replace(r'\*', '.+'), name)
-        ),
-        None,
-    )
+    for one in patterns:
+        if re.fullmatch(re.escape(one).replace(r'\*', '.+'), name):
+            return one
+    return None
+
+
+def is_published(pattern: str, keys) -> bool:
+    """Return whether a key that matches a pattern is published."""
+    return any(matching(key, [pattern]) for key in keys)
 
 
 @pytest.fixture
 def published(ros):
     """Return the keys of each component of a running stack."""
     for name, make in NODES.items():
-        ros.add(
-            make(
-                parameter_overrides=[
-                    Parameter(key, value=value)
-                    for key, value in PARAMETERS.get(name, {}).items()
-                ]
-            )
-        )
+        overrides = parameters_of(PARAMETERS.get(name, {}))
+        ros.add(make(parameter_overrides=overrides))
     messages = ros.collect(ros.node(), *topics.DIAGNOSTICS[:2], 100)
-    ros.until(
-        lambda: (
-            {message.status[0].name.partition(':')[0] for message in messages}
-            == NODES.keys()
-        ),
-        'all nodes',
-    )
-    return {
-        status.name: {*status_values(status)}
-        for message in messages
-        for status in message.status
-    }
+
+    def reporting_nodes():
+        return {one.status[0].name.partition(':')[0] for one in messages}
+
+    ros.until(lambda: reporting_nodes() == NODES.keys(), 'all nodes')
+    keys = {}
+    for message in messages:
+        for status in message.status:
+            keys[status.name] = {*status_values(status)}
+    return keys
 
 
 def test_diagnostics_page_lists_exactly_the_published_keys(published):
@@ -79,18 +71,14 @@ def test_diagnostics_page_lists_exactly_the_published_keys(published):
     for component, keys in published.items():
         section = matching(component, page)
         assert section, f'next: add {component} to docs/diagnostics.md'
-        unknown = {
-            key for key in keys if not matching(key, [*page[section], *every_node])
-        }
+        known = [*page[section], *every_node]
+        unknown = {key for key in keys if not matching(key, known)}
         assert not unknown, (
             f'next: add these keys to {component} in docs/diagnostics.md'
         )
-        missing = {
-            key
-            for key, meaning in page[section].items()
-            if not meaning.startswith('only')
-            and not any(matching(k, [key]) for k in keys)
-        }
+        meanings = page[section]
+        required = {key for key in meanings if not meanings[key].startswith('only')}
+        missing = {pattern for pattern in required if not is_published(pattern, keys)}
         assert not missing, (
             f'{component}: next: remove these keys from docs/diagnostics.md, or begin their '
             'meaning with only'
@@ -100,11 +88,8 @@ def test_diagnostics_page_lists_exactly_the_published_keys(published):
 
 def keys_on_page(topic) -> set[str]:
     """Return the keys that the row of a status topic in docs/reference.md lists."""
-    row = next(
-        line
-        for line in (DOCS / 'reference.md').read_text().splitlines()
-        if line.startswith(f'| `{topic.name}`')
-    )
+    lines = (DOCS / 'reference.md').read_text().splitlines()
+    row, *_ = [line for line in lines if line.startswith(f'| `{topic.name}`')]
     values = row.partition('Values: ')[2].partition('Level 1')[0]
     return {*re.findall('`([^`]+)`', values)} - {'followed', 'nan', 'inf'}
 

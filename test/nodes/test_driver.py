@@ -45,10 +45,9 @@ class Bench(DriverBench):
         self.statuses = self.collect(topics.DRIVER_STATUS, depth=1)
 
     def send(self, positions):
-        self.publish(
-            topics.JOINT_SETPOINTS,
-            joint_state(self.now() + 0.06, positions, (0.0, 0.0, 0.0)),
-        )
+        stamp_ahead = self.now() + 0.06
+        setpoint = joint_state(stamp_ahead, positions, (0.0, 0.0, 0.0))
+        self.publish(topics.JOINT_SETPOINTS, setpoint)
 
     def position(self):
         return list(self.states[-1].position) if self.states else None
@@ -78,12 +77,12 @@ def bench(ros):
 def test_drives_follow_a_stream_until_it_is_silent(bench):
     bench.bring_up()
     target = [q + 0.02 for q in HOME]
-    bench.ros.until(
-        lambda: (
-            bench.send(target) or bench.position() == pytest.approx(target, abs=1e-3)
-        ),
-        'the end of the move',
-    )
+
+    def has_moved():
+        bench.send(target)
+        return bench.position() == pytest.approx(target, abs=1e-3)
+
+    bench.ros.until(has_moved, 'the end of the move')
     newest = bench.states[-1]
     assert tuple(newest.name) == AXIS_NAMES
     assert len(newest.velocity) == len(newest.effort) == 3
@@ -103,17 +102,15 @@ def test_carriage_forces_act_on_simulated_drives(bench):
     bench.bring_up()
     before = bench.states[-1].effort
     for force in (math.nan, 0.0):
-        bench.publish(
-            topics.CARRIAGE_FORCES,
-            JointState(name=AXIS_NAMES, effort=[-30.0, 20.0, force]),
-        )
-    bench.ros.until(
-        lambda: (
-            bench.states[-1].effort[0] - before[0] > 15.0
-            and bench.states[-1].effort[1] - before[1] < -10.0
-        ),
-        'the forces in the effort',
-    )
+        message = JointState(name=AXIS_NAMES, effort=[-30.0, 20.0, force])
+        bench.publish(topics.CARRIAGE_FORCES, message)
+
+    def has_forces():
+        change_1 = bench.states[-1].effort[0] - before[0]
+        change_2 = bench.states[-1].effort[1] - before[1]
+        return change_1 > 15.0 and change_2 < -10.0
+
+    bench.ros.until(has_forces, 'the forces in the effort')
 
 
 def test_notes_show_a_supervisor_that_was_never_received(bench):
@@ -171,10 +168,8 @@ def test_driver_status_is_the_component_operation(bench):
     assert published.keys() == bench.values().keys()
     assert bench.statuses[-1].message == bench.message()
     bench.statuses.clear()
-    cycles = bench.loop.snapshot().cycle.cycles
-    bench.ros.until(
-        lambda: bench.loop.snapshot().cycle.cycles > cycles + 100, 'a second'
-    )
+    end = bench.loop.snapshot().cycle.cycles + 100
+    bench.ros.until(lambda: bench.loop.snapshot().cycle.cycles > end, 'a second')
     assert len(bench.statuses) < 5  # twice a second
 
 
@@ -293,9 +288,8 @@ def test_configure_at_start_waits_for_the_can_interface(ros, monkeypatch):
 
 def test_halt_is_answered_within_100_ms_during_configure(ros):
     bench = Bench(ros, {'simulate_drives': False, 'bus.interface': 'virtual'})
-    change, halt = (
-        bench.node.create_client(*one) for one in (topics.CHANGE_STATE, topics.HALT)
-    )
+    change = bench.node.create_client(*topics.CHANGE_STATE)
+    halt = bench.node.create_client(*topics.HALT)
     ros.until(lambda: change.service_is_ready() and halt.service_is_ready(), 'services')
     configure = change.call_async(
         ChangeState.Request(transition=Transition(label='configure'))
@@ -337,13 +331,10 @@ def test_each_joint_state_is_published_once(ros, monkeypatch):
         AxisSnapshot(f'q{number}', number, position=position, homed=True)
         for number, position in enumerate(HOME, 1)
     )
-    monkeypatch.setattr(
-        LoopClient,
-        'take_states',
-        lambda _: [
-            ControllerSnapshot(ControllerState.INACTIVE, time, axes) for time in times
-        ],
-    )
+    states = [
+        ControllerSnapshot(ControllerState.INACTIVE, time, axes) for time in times
+    ]
+    monkeypatch.setattr(LoopClient, 'take_states', lambda _: states)
     bench = Bench(ros)
     ros.until(lambda: len(bench.states) > 3, 'joint_states')
     stamps = [message.header.stamp for message in bench.states]
@@ -352,10 +343,9 @@ def test_each_joint_state_is_published_once(ros, monkeypatch):
 
 
 def test_second_driver_in_a_namespace_gets_no_power(ros):
-    first, second = (
-        Bench(ros, cli_args=['--ros-args', '-r', 'driver/status:=/site/status'])
-        for _ in range(2)
-    )
+    remapping = ['--ros-args', '-r', 'driver/status:=/site/status']
+    first = Bench(ros, cli_args=remapping)
+    second = Bench(ros, cli_args=remapping)
     reason = 'driver/status has 2 publishers (/driver, /driver), above the limit 1'
     ros.until(
         lambda: first.message().startswith(f'unconfigured; {reason}; next: '),

@@ -82,13 +82,10 @@ BUS_MESSAGES = {
 
 @pytest.mark.parametrize('state', ControllerState)
 def test_bus_component_has_the_state_of_the_bus(state):
+    bus_error = 'can0 is down' if state is ControllerState.BUS_LOST else ''
+    causes = (Cause('the loop has ended', ''),)
     snapshot = ControllerSnapshot(
-        state,
-        1.0,
-        (),
-        (Cause('the loop has ended', ''),),
-        'configure',
-        bus_error='can0 is down' if state is ControllerState.BUS_LOST else '',
+        state, 1.0, (), causes, 'configure', bus_error=bus_error
     )
     status = bus_status(snapshot)
     found = (status_level(status), status.message)
@@ -124,11 +121,13 @@ def test_bus_lost_after_a_stop_is_logged():
 
 
 def test_operation_and_bus_values_have_units_of_their_keys():
+    axes = (AxisSnapshot('q1', 1, homed=True), AxisSnapshot('q2', 2))
+    causes = (Cause('late', 'wait'), Cause('silent', ''))
     snapshot = ControllerSnapshot(
         ControllerState.STOPPED,
         1.0,
-        (AxisSnapshot('q1', 1, homed=True), AxisSnapshot('q2', 2)),
-        (Cause('late', 'wait'), Cause('silent', '')),
+        axes,
+        causes,
         'wait',
         ('a note', 'another'),
         CycleStatistics(7, 1, 2, 3, 0.012, 0.004),
@@ -138,15 +137,9 @@ def test_operation_and_bus_values_have_units_of_their_keys():
     gone = bus_status(snapshot._replace(bus_error='can0 is down'))
     assert status_level(gone) == 'error'
     assert gone.message.startswith('can0 is down; next: ')
-    values = status_values(bus_status(snapshot)) | status_values(
-        operation_status(
-            outcome_of(snapshot, stream.activity),
-            snapshot,
-            stream,
-            math.inf,
-            {'version': '1'},
-        )
-    )
+    outcome = outcome_of(snapshot, stream.activity)
+    operation = operation_status(outcome, snapshot, stream, math.inf, {'version': '1'})
+    values = status_values(bus_status(snapshot)) | status_values(operation)
     expected = {
         'state': 'stopped',
         'activity': 'braking',
@@ -256,7 +249,5 @@ def test_drive_component_has_the_level_of_its_state(change, level, message):
     assert values['statusword'] == (
         '-' if axis.statusword is None else f'{axis.statusword:04X}h'
     )
-    assert [
-        axis_status(axis._replace(serial_number=number)).hardware_id
-        for number in (None, 77)
-    ] == ['node 2', '77']
+    assert axis_status(axis).hardware_id == 'node 2'
+    assert axis_status(axis._replace(serial_number=77)).hardware_id == '77'

@@ -37,7 +37,8 @@ def fill(message, number: float, text: str, length: int, seconds: int = 0):
         value = getattr(message, name)
         rest = (number, text, length, seconds)
         if kind.startswith('sequence<') and '/' in kind:
-            part = interface(kind[9:-1].partition(',')[0].replace('/', '/msg/', 1))
+            type_name = kind[9:-1].partition(',')[0]
+            part = interface(type_name.replace('/', '/msg/', 1))
             value = [fill(part(), *rest) for _ in range(3)]
         elif kind == 'builtin_interfaces/Time':
             value.sec = seconds
@@ -59,9 +60,11 @@ def leaf(kind: str, value, number: float, text: str, length: int):
         return [number] * len(value)
     if kind.startswith('sequence<string'):
         return [text] * 3
-    return {float: number, str: text}.get(
-        type(value), ENUMERATION if kind == 'uint8' else value
-    )
+    if isinstance(value, float):
+        return number
+    if isinstance(value, str):
+        return text
+    return ENUMERATION if kind == 'uint8' else value
 
 
 REQUESTS = {
@@ -104,34 +107,39 @@ def graph(request, ros, start_process):
     assert process.returncode == 0, process.log.read_text()
 
 
+def connected(ros, hostile, name):
+    """Return publishers and clients for all subscriptions and services of a node."""
+
+    def subscriptions():
+        return hostile.get_subscriber_names_and_types_by_node(name, '/')
+
+    def services():
+        return hostile.get_service_names_and_types_by_node(name, '/')
+
+    ros.until(lambda: len(subscriptions()) > 1 and len(services()) > 5, 'the graph')
+    publishers = []
+    for topic, kinds in subscriptions():
+        kind = interface(kinds[0])
+        publishers.append(hostile.create_publisher(kind, topic, EVERY_READER))
+    clients = []
+    for service, kinds in services():
+        if not kinds[0].endswith('GetTypeDescription'):  # not of this package
+            clients.append(hostile.create_client(interface(kinds[0]), service))
+    for publisher in publishers:
+        ros.until(publisher.get_subscription_count, 'the subscriptions')
+    for client in clients:
+        ros.until(client.service_is_ready, 'the services')
+    return publishers, clients
+
+
 def test_no_message_or_request_ends_a_node(ros, graph):
     names, hostile, require_answers = graph
     publishers = []
     clients = []
-    for own in [(name, '/') for name in names]:
-        ros.until(
-            lambda own=own: (
-                len(hostile.get_subscriber_names_and_types_by_node(*own)) > 1
-                and len(hostile.get_service_names_and_types_by_node(*own)) > 5
-            ),
-            'the graph',
-        )
-        publishers += [
-            hostile.create_publisher(interface(kinds[0]), topic, EVERY_READER)
-            for topic, kinds in hostile.get_subscriber_names_and_types_by_node(*own)
-        ]
-        clients += [
-            hostile.create_client(interface(kinds[0]), service)
-            for service, kinds in hostile.get_service_names_and_types_by_node(*own)
-            if not kinds[0].endswith('GetTypeDescription')
-        ]  # not of this package
-    ros.until(
-        lambda: (
-            all(one.get_subscription_count() for one in publishers)
-            and all(one.service_is_ready() for one in clients)
-        ),
-        'the subscriptions and services',
-    )
+    for name in names:
+        publishers_of_node, clients_of_node = connected(ros, hostile, name)
+        publishers += publishers_of_node
+        clients += clients_of_node
     for what, content in MESSAGES.items():
         for publisher in publishers:
             publisher.publish(content(publisher.msg_type))
@@ -147,14 +155,10 @@ def test_numpy_computes_without_threads_in_a_node():
     for name, text in os.environ.items():
         if name != 'OPENBLAS_NUM_THREADS':
             own[name] = text
-    threads = subprocess.check_output(
-        [
-            sys.executable,
-            '-c',
-            'import facade_manipulator.nodes, numpy, os\n'
-            'print(len(os.listdir("/proc/self/task")))',
-        ],
-        env=own,
-        text=True,
+    code = (
+        'import facade_manipulator.nodes, numpy, os\n'
+        'print(len(os.listdir("/proc/self/task")))'
     )
+    command = [sys.executable, '-c', code]
+    threads = subprocess.check_output(command, env=own, text=True)
     assert int(threads) == 1

@@ -1,12 +1,12 @@
 """Ik_service node: corrected poses to setpoints, the pose of the head, and requests."""
 
-from itertools import pairwise
 import math
 from time import monotonic
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 from nodes.node_rig import NodeBench
+import numpy as np
 import pytest
 
 from facade_manipulator import topics
@@ -42,14 +42,12 @@ class Bench(NodeBench):
         self.setpoints = self.collect(topics.JOINT_SETPOINTS)
         self.rejected_requests = self.collect(topics.REJECTIONS)
         self.heads = self.collect(topics.END_EFFECTOR_POSE)
-        ros.until(
-            lambda: (
-                self.tested.count_subscribers('joint_setpoints') == 1
-                and self.components
-                and self.gate.is_open  # without a driver
-            ),
-            'the graph',
-        )
+
+        def is_ready():  # without a driver
+            is_connected = self.tested.count_subscribers('joint_setpoints') == 1
+            return is_connected and self.components and self.gate.is_open
+
+        ros.until(is_ready, 'the graph')
 
     def send(self, pose, time=0.0, frame='rail'):
         self.publish(topics.CORRECTED_POSE, pose_stamped(frame, time, pose))
@@ -59,12 +57,10 @@ class Bench(NodeBench):
         self.until(lambda: self.heads, 'end_effector_pose')
 
     def solve(self, goal, start=None, tolerance=0.0):
-        return self.call(
-            topics.SOLVE,
-            GetPlan.Request(
-                goal=goal, start=start or PoseStamped(), tolerance=tolerance
-            ),
-        ).plan
+        request = GetPlan.Request(
+            goal=goal, start=start or PoseStamped(), tolerance=tolerance
+        )
+        return self.call(topics.SOLVE, request).plan
 
     @property
     def is_approaching(self):
@@ -112,14 +108,11 @@ def test_single_pose_is_approached_from_the_head(bench):
     q3 = [item.position[2] for item in bench.setpoints]
     assert times == sorted(times)
     assert times[0] >= begin + PoseFollower.APPROACH_LEAD
-    assert (q3[0], q3[-1]) == pytest.approx((start.x, MIDDLE.x), abs=1e-3)
-    assert (
-        max(
-            (b - a) / (then - now)
-            for (now, a), (then, b) in pairwise(zip(times, q3, strict=True))
-        )
-        <= ReferenceSettings().speed[0] + 1e-4  # stamps are rounded to 0.24 us
-    )
+    assert q3[0] == pytest.approx(start.x, abs=1e-3)
+    assert q3[-1] == pytest.approx(MIDDLE.x, abs=1e-3)
+    speeds = np.diff(q3) / np.diff(times)
+    # stamps are rounded to 0.24 us
+    assert speeds.max() <= ReferenceSettings().speed[0] + 1e-4
 
 
 @pytest.mark.parametrize('period', [0.01, 0.05, 0.15])
@@ -131,15 +124,15 @@ def test_first_pose_of_a_stream_starts_no_approach(bench, period):
         due = begin + number * period
         bench.until(lambda end=due: monotonic() >= end, 'the next pose')
         bench.send(pose, bench.now())
-    bench.until(
-        lambda: (
-            bench.setpoints
-            and bench.setpoints[-1].position[2] == pytest.approx(poses[-1].x)
-        ),
-        'the last setpoint',
-    )
+
+    def is_last_there():
+        last = pytest.approx(poses[-1].x)
+        return bench.setpoints and bench.setpoints[-1].position[2] == last
+
+    bench.until(is_last_there, 'the last setpoint')
     q3 = [item.position[2] for item in bench.setpoints]
-    assert {round(one, 9) for one in q3} <= {round(pose.x, 9) for pose in poses[1:]}
+    expected = {round(pose.x, 9) for pose in poses[1:]}
+    assert {round(one, 9) for one in q3} <= expected
     assert min(item.velocity[2] for item in bench.setpoints) > 0.0
     assert not bench.is_approaching
 
@@ -200,9 +193,8 @@ def test_solve_returns_carriages_of_a_pose_or_path(bench):
         (path, stream.path(MIDDLE, goal, 0.002)),
     ):
         points = [pose.pose.position for pose in plan.poses]
-        assert [(one.x, one.y, one.z) for one in points] == [
-            *map(pytest.approx, expected)
-        ]
+        found = [(one.x, one.y, one.z) for one in points]
+        assert found == [pytest.approx(carriages) for carriages in expected]
 
 
 def test_rejected_solve_has_an_empty_plan_and_a_reason(bench):

@@ -20,11 +20,8 @@ class Connected(NodeBench):
     """Both nodes, a supervisor that sends a goal, and a driver."""
 
     def __init__(self, ros, remapping=(), remapping_of_ik_service=()):
-        super().__init__(
-            ros,
-            partial(CompensatorNode, connects_later=True),
-            cli_args=['--ros-args', *remapping],
-        )
+        make = partial(CompensatorNode, connects_later=True)
+        super().__init__(ros, make, cli_args=['--ros-args', *remapping])
         self.ik_service = ros.add(
             IkServiceNode(
                 connects_later=True, cli_args=['--ros-args', *remapping_of_ik_service]
@@ -37,21 +34,22 @@ class Connected(NodeBench):
 
     def subscribed_topics(self):
         """Return the topics to which each node subscribes."""
-        return [
-            {one.topic_name for one in node.subscriptions}
-            for node in (self.tested, self.ik_service)
-        ]
+
+        def topics_of(node):
+            return {one.topic_name for one in node.subscriptions}
+
+        return [topics_of(self.tested), topics_of(self.ik_service)]
 
 
 def test_external_subscribers_receive_the_messages_between_both_nodes(ros):
     both = Connected(ros)
     carriages = inverse_kinematics(Geometry(), GOAL)
-    both.node.create_timer(
-        0.02,
-        lambda: both.publish(
-            topics.JOINT_STATES, joint_state(ros_time(), carriages, (0.0, 0.0, 0.0))
-        ),
-    )
+
+    def publish_carriages():
+        message = joint_state(ros_time(), carriages, (0.0, 0.0, 0.0))
+        both.publish(topics.JOINT_STATES, message)
+
+    both.node.create_timer(0.02, publish_carriages)
     following = both.tested._compensator.following
     ros.until(
         lambda: both.setpoints and following.newest(monotonic()), 'setpoints and head'
@@ -60,10 +58,11 @@ def test_external_subscribers_receive_the_messages_between_both_nodes(ros):
     assert [both.node.count_subscribers(topic.name) for topic in between] == [0, 0]
     corrected, heads = map(both.collect, between)
     ros.until(lambda: corrected and heads, 'the messages')
-    ros.until(
-        lambda: corrected[0].header in [one.header for one in both.setpoints],
-        'a setpoint',
-    )
+
+    def has_setpoint():
+        return corrected[0].header in [one.header for one in both.setpoints]
+
+    ros.until(has_setpoint, 'a setpoint')
 
 
 def test_second_publisher_stops_the_setpoints_of_connected_nodes(ros):

@@ -14,11 +14,9 @@ from facade_manipulator.client import ManipulatorClient, RequestRejectedError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.planar_messages import planar_pose
 
-FILES = [
-    word
-    for name in ('manipulator', 'simulation')
-    for word in ('--params-file', str(config_path(f'{name}.yaml')))
-]
+FILES = []
+for file_name in ('manipulator.yaml', 'simulation.yaml'):
+    FILES += ['--params-file', str(config_path(file_name))]
 GOAL = Pose(0.05, 0.25, 0.0)
 
 
@@ -26,16 +24,9 @@ class Gondola(ManipulatorClient):
     """Driver and manipulator of a gondola, and their client, which spins the test's nodes."""
 
     def __init__(self, ros, start_process, namespace):
-        self.driver, manipulator = (
-            start_process(
-                f'facade_manipulator.nodes.{module}',
-                '--ros-args',
-                '-r',
-                f'__ns:=/{namespace}',
-                *FILES,
-            )
-            for module in ('driver', 'manipulator')
-        )
+        arguments = ['--ros-args', '-r', f'__ns:=/{namespace}', *FILES]
+        self.driver = start_process('facade_manipulator.nodes.driver', *arguments)
+        manipulator = start_process('facade_manipulator.nodes.manipulator', *arguments)
         for process in (self.driver, manipulator):
             wait_until(
                 lambda one=process: 'ready' in one.log.read_text(),
@@ -70,9 +61,8 @@ def test_two_gondolas_move_stop_and_end_independently(ros, ros_domain, start_pro
             rclpy.create_node('visitor', context=context).destroy_node()
             context.try_shutdown()
         first.go_to(GOAL, timeout=20.0)
-        assert planar_pose(first.heads[-1].pose, 'head') == pytest.approx(
-            GOAL, abs=5e-3
-        )
+        head = planar_pose(first.heads[-1].pose, 'head')
+        assert head == pytest.approx(GOAL, abs=5e-3)
         own = ('/gondola_1/', '/gondola_2/')
         known = {name for name, _ in first.node.get_topic_names_and_types()}
         assert {f'{name}joint_setpoints' for name in own} <= known
@@ -88,13 +78,12 @@ def test_two_gondolas_move_stop_and_end_independently(ros, ros_domain, start_pro
     first.driver.terminate()
     wait_until(lambda: first.driver.poll() is not None, 'the end of the node')
     assert first.driver.returncode == 0
-    wait_until(
-        lambda: (
-            not Path(f'/proc/{loop}').exists()
-            or Path(f'/proc/{loop}/stat').read_text().split()[2] == 'Z'
-        ),
-        'the end of the loop',
-    )
+    entry = Path(f'/proc/{loop}')
+
+    def has_ended():
+        return not entry.exists() or (entry / 'stat').read_text().split()[2] == 'Z'
+
+    wait_until(has_ended, 'the end of the loop')
     log = first.driver.log.read_text()
     assert 'The drives have confirmed that their power is off; the bus is closed' in log
     assert 'Traceback' not in log

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 import re
 
-from nodes.node_rig import LoopThread, NODES
+from nodes.node_rig import LoopThread, NODES, parameters_of
 import pytest
 from rclpy.parameter import Parameter
 from support import wait_until
@@ -104,10 +104,8 @@ def test_unknown_or_ineffective_parameter_is_rejected_with_nearest_name(
         args += ['-p', argument]
     # which is the driver if there is no name
     namespace = '/gondola_1' * argument.startswith('driver:')
-    driver, ik_service = (
-        ros.node(name, namespace=namespace, cli_args=args)
-        for name in ('driver', 'ik_service')
-    )
+    driver = ros.node('driver', namespace=namespace, cli_args=args)
+    ik_service = ros.node('ik_service', namespace=namespace, cli_args=args)
     for name in ('limits.speed', 'limits.jerk', 'rate'):
         driver.declare_parameter(name, 1.0)
     ik_service.declare_parameter('geometry.link_length', 1.0)
@@ -224,7 +222,8 @@ def test_wrong_parameter_ends_start_with_status_2(
     ros_domain, handlers, capfd, node, argument, message
 ):
     option = '--params-file' if argument.endswith('.yaml') else '-p'
-    assert run.run(lambda: [NODES[node]()], ['--ros-args', option, argument]) == 2
+    arguments = ['--ros-args', option, argument]
+    assert run.run(lambda: [NODES[node]()], arguments) == 2
     printed = capfd.readouterr().err
     assert re.search(f'could not start: .*{re.escape(message)}', printed)
     assert 'Traceback' not in printed
@@ -258,9 +257,8 @@ def test_live_limit_is_described_checked_and_applied(ros, capfd):
         assert message in result.reason
         assert driver.get_parameter(name).value == before
     changes = {'limits.speed': 0.1, 'limits.acceleration': 0.2}
-    assert driver.set_parameters_atomically(
-        [Parameter(name, value=value) for name, value in changes.items()]
-    ).successful
+    result = driver.set_parameters_atomically(parameters_of(changes))
+    assert result.successful
     assert (
         capfd.readouterr().err.count('limits of motion changed to 0.1 m/s, 0.2 m/s^2, ')
         == 1
@@ -274,9 +272,7 @@ def test_live_limit_is_described_checked_and_applied(ros, capfd):
 def test_live_contact_force_and_arrival_reach_the_compensator(ros):
     node = ros.add(CompensatorNode())
     changes = {'contact.force': 20.0, 'arrival.distance': 0.01, 'lateral.enabled': True}
-    results = node.set_parameters(
-        [Parameter(name, value=value) for name, value in changes.items()]
-    )
+    results = node.set_parameters(parameters_of(changes))
     assert [result.reason for result in results] == [''] * len(changes)
     assert node._compensator.contact.pressing.settings.force == 20.0
     assert node._goals.settings.distance == 0.01

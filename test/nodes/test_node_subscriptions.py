@@ -23,9 +23,11 @@ class Inputs:
         self.received = []
         self.changes = []
         self.diagnostics = diagnostics_of(self.node)
-        self.watch = PublisherWatch(
-            self.node, self.diagnostics, lambda: self.changes.append(self.watch.fault)
-        )
+
+        def note_change():
+            self.changes.append(self.watch.fault)
+
+        self.watch = PublisherWatch(self.node, self.diagnostics, note_change)
         self.watch.subscribe(JOINT_STATES, self.received.append)
 
 

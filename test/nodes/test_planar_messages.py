@@ -25,13 +25,15 @@ def test_pose_survives_conversion_to_a_message_and_back(x, y, theta, sign):
     """Both signs of a quaternion are the same orientation."""
     message = pose_stamped('rail', 12.5, Pose(x, y, theta))
     q = message.pose.orientation
-    q.x, q.y, q.z, q.w = (sign * value for value in (q.x, q.y, q.z, q.w))
+    if sign < 0.0:
+        message.pose.orientation = Quaternion(x=-q.x, y=-q.y, z=-q.z, w=-q.w)
     assert message.header.frame_id == 'rail'
     assert planar_messages.seconds(message.header.stamp) == 12.5
     back = planar_messages.planar_pose(message.pose, 'goal')
     assert back.x == x
     assert back.y == y
-    assert math.remainder(back.theta - theta, math.tau) == pytest.approx(0.0, abs=1e-14)
+    turn = math.remainder(back.theta - theta, math.tau)
+    assert turn == pytest.approx(0.0, abs=1e-14)
 
 
 @given(angles, st.integers(2, 6))
@@ -47,9 +49,8 @@ def test_rounded_quaternion_is_accepted_with_its_yaw(theta, digits):
 
 @given(st.integers(0, 2**31 - 1), st.integers(0, 10**9 - 1))
 def test_stamp_survives_conversion_to_seconds_and_to_text(sec, nanosec):
-    assert planar_messages.seconds(stamp(sec + nanosec * 1e-9)) == pytest.approx(
-        sec + nanosec * 1e-9, abs=1e-6
-    )
+    time = sec + nanosec * 1e-9
+    assert planar_messages.seconds(stamp(time)) == pytest.approx(time, abs=1e-6)
     whole, part = planar_messages.stamp_text(Time(sec=sec, nanosec=nanosec)).split('.')
     assert int(whole) == sec
     assert int(part) == nanosec
@@ -76,18 +77,13 @@ def test_tilted_pose_is_projected_into_the_plane(place, direction, tilt, height)
     ax = half * math.cos(direction)
     ay = half * math.sin(direction)
     w = math.cos(tilt / 2)
-    found, out_of_plane = planar_messages.projected(
-        PoseMessage(
-            position=Point(x=place.x, y=place.y, z=height),
-            orientation=Quaternion(
-                x=ax * turn[0] + ay * turn[1],
-                y=ay * turn[0] - ax * turn[1],
-                z=w * turn[1],
-                w=w * turn[0],
-            ),
-        ),
-        'disturbance',
-    )
+    message = PoseMessage()
+    message.position = Point(x=place.x, y=place.y, z=height)
+    message.orientation.x = ax * turn[0] + ay * turn[1]
+    message.orientation.y = ay * turn[0] - ax * turn[1]
+    message.orientation.z = w * turn[1]
+    message.orientation.w = w * turn[0]
+    found, out_of_plane = planar_messages.projected(message, 'disturbance')
     assert found == pytest.approx(place, abs=1e-9)
     assert out_of_plane == pytest.approx((height, tilt), abs=1e-7)
 
@@ -95,13 +91,9 @@ def test_tilted_pose_is_projected_into_the_plane(place, direction, tilt, height)
 @given(st.permutations(AXIS_NAMES))
 def test_carriages_are_found_by_name_in_any_order(names):
     values = {'q1': -0.1, 'q2': 0.2, 'q3': 0.3}
-    assert planar_messages.carriages_from(
-        names, [values[name] for name in names], 'p'
-    ) == (
-        -0.1,
-        0.2,
-        0.3,
-    )
+    positions = [values[name] for name in names]
+    found = planar_messages.carriages_from(names, positions, 'p')
+    assert found == (-0.1, 0.2, 0.3)
 
 
 def pose(**parts):
@@ -195,9 +187,12 @@ def test_disturbance_is_broadcast_in_frames_of_the_namespace(ros, monkeypatch):
     transform = conversions.FacadeTransform(node)
     transform._message = lambda transforms: transforms[0]
     sent = ros.collect(ros.node('listener'), TransformStamped, '/tf', 100)
-    ros.until(
-        lambda: transform.publish(12.5, Pose(0.1, 0.2, 1.0)) or sent, 'the transform'
-    )
+
+    def publish():
+        transform.publish(12.5, Pose(0.1, 0.2, 1.0))
+        return sent
+
+    ros.until(publish, 'the transform')
     header = sent[0].header
     body = sent[0].transform
     assert header.frame_id == 'gondola_1/facade'

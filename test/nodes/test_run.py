@@ -84,9 +84,11 @@ def failing(count):
 @pytest.mark.parametrize('number', run.STOP_SIGNALS)
 def test_signal_closes_an_idle_node_while_ros_runs(executor, capfd, number):
     closed = []
-    make_nodes, _ = node_with(
-        int, period=100.0, close=lambda: closed.append(rclpy.ok())
-    )
+
+    def close():
+        closed.append(rclpy.ok())
+
+    make_nodes, _ = node_with(int, period=100.0, close=close)
     Timer(0.3, end_process, [number]).start()
     begin = time.monotonic()
     assert run.run(make_nodes, []) == 0
@@ -105,9 +107,14 @@ def test_second_signal_ends_a_node_that_cannot_keep_up(executor, ros_domain):
 
     has_ended = Event()
     closed = []
-    make_nodes, _ = node_with(
-        int, receive=lambda _: time.sleep(0.02), close=lambda: closed.append(rclpy.ok())
-    )
+
+    def receive_slowly(_):
+        time.sleep(0.02)
+
+    def close():
+        closed.append(rclpy.ok())
+
+    make_nodes, _ = node_with(int, receive=receive_slowly, close=close)
     context = rclpy.Context()
     context.init(domain_id=ros_domain)
     publisher = rclpy.create_node('fast', context=context).create_publisher(
@@ -135,9 +142,11 @@ def test_signal_during_the_start_ends_the_process(ros_domain, handlers):
 
 
 def test_shutdown_transition_ends_the_process(ros_domain, handlers):
-    make_nodes, nodes = node_with(
-        lambda: nodes[0].timer.cancel() or nodes[0].trigger_shutdown(), make=ManagedNode
-    )
+    def end():
+        nodes[0].timer.cancel()
+        nodes[0].trigger_shutdown()
+
+    make_nodes, nodes = node_with(end, make=ManagedNode)
     assert run.run(make_nodes, []) == 0
 
 
@@ -168,9 +177,12 @@ def test_exception_is_counted_only_by_the_called_node(executor):
     """A callback of the first node calls a callback of the second, as in `manipulator`."""
     handled = []
     make_called, called = node_with(int, period=100.0, handle_exception=handled.append)
+
+    def fail_caller(_):
+        pytest.fail('the caller has no defect')
+
     make_caller, callers = node_with(
-        lambda: called[0].fail(),
-        handle_exception=lambda _: pytest.fail('the caller has no defect'),
+        lambda: called[0].fail(), handle_exception=fail_caller
     )
 
     def make_nodes():
@@ -248,9 +260,8 @@ def test_ten_exceptions_in_ten_seconds_end_the_node(
 ):
     monkeypatch.setattr(run, 'EXCEPTION_PERIOD', period)
     closed = []
-    make_nodes, _ = node_with(
-        failing(2 * run.MOST_EXCEPTIONS), close=lambda: closed.append(True)
-    )
+    fail = failing(2 * run.MOST_EXCEPTIONS)
+    make_nodes, _ = node_with(fail, close=lambda: closed.append(True))
     if period < 1.0:
         assert run.run(make_nodes, []) == 0
     else:
@@ -317,9 +328,8 @@ def test_help_of_a_node_describes_the_node(capsys, handlers, module):
     'names', [*([name] for name in NODES), CONNECTED], ids='+'.join
 )
 def test_renamed_node_does_not_start(handlers, ros_domain, capfd, names):
-    status = run.run(
-        lambda: [NODES[name]() for name in names], ['--ros-args', '-r', '__node:=other']
-    )
+    renaming = ['--ros-args', '-r', '__node:=other']
+    status = run.run(lambda: [NODES[name]() for name in names], renaming)
     assert status == 2
     assert (
         'could not start: node name rejected: other; topics, services and parameter files '
@@ -340,9 +350,8 @@ def test_node_with_its_own_name_as_remapping_starts(executor, name):
 
 def test_simulated_time_is_rejected_as_a_live_change(executor):
     def set_time():
-        (nodes[0].result,) = nodes[0].set_parameters(
-            [Parameter('use_sim_time', value=True)]
-        )
+        use_sim_time = Parameter('use_sim_time', value=True)
+        (nodes[0].result,) = nodes[0].set_parameters([use_sim_time])
         end_process()
 
     make_nodes, nodes = node_with(set_time)
@@ -367,9 +376,10 @@ def test_messages_before_the_executor_started_are_processed(ros):
     for _ in range(3):
         publisher.publish(Empty())
     answers = [client.call_async(Trigger.Request()) for _ in range(2)]
-    ros.until(
-        lambda: take_waiting(node) or all(answer.done() for answer in answers),
-        'answers',
-    )
+
+    def are_answered():
+        return take_waiting(node) or all(answer.done() for answer in answers)
+
+    ros.until(are_answered, 'answers')
     assert [type(one) for one in received] == 3 * [Empty] + 2 * [Trigger.Request]
     node.destroy_node()

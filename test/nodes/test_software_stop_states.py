@@ -29,9 +29,11 @@ class Bench(DriverBench):
     def __init__(self, ros):
         super().__init__(ros, {'controller.rate': 50, 'limits.speed': 0.4})
         self.stop = ros.node('supervisor').create_publisher(*topics.SOFTWARE_STOP)
-        self.timer = self.node.create_timer(
-            0.05, lambda: self.stop.publish(Bool(data=False))
-        )
+
+        def publish_false():
+            self.stop.publish(Bool(data=False))
+
+        self.timer = self.node.create_timer(0.05, publish_false)
         topic = self.tested._software_stop._topics['software_stop']
         ros.until(lambda: topic.newest is False, 'false')
 
@@ -45,10 +47,11 @@ class Bench(DriverBench):
         return self.loop._forbidden
 
     def until_cause(self, text):
-        self.ros.until(
-            lambda: text in self.cause() and bool(text) == bool(self.cause()),
-            f'the cause {text!r}',
-        )
+        def has_cause():
+            cause = self.cause()
+            return text in cause and bool(text) == bool(cause)
+
+        self.ros.until(has_cause, f'the cause {text!r}')
 
     def set(self):
         """Publish a true, followed by a false."""
@@ -57,20 +60,21 @@ class Bench(DriverBench):
 
     def until_cleared(self):
         """Request clear_faults until a false has followed the true; return the message."""
-        return self.ros.until(
-            lambda: (answer := self.ask('clear_faults'))[0] and answer[1],
-            'clear_faults',
-        )
+
+        def message_if_cleared():
+            is_cleared, message = self.ask('clear_faults')
+            return is_cleared and message
+
+        return self.ros.until(message_if_cleared, 'clear_faults')
 
     def until_next_step(self, text):
         """Wait for a next step that no longer asks for a false."""
-        self.ros.until(
-            lambda: (
-                text in (step := self.loop.snapshot().next_step)
-                and 'publish false' not in step
-            ),
-            f'the next step {text!r}',
-        )
+
+        def has_next_step():
+            step = self.loop.snapshot().next_step
+            return text in step and 'publish false' not in step
+
+        self.ros.until(has_next_step, f'the next step {text!r}')
 
     def assert_no_power(self, state):
         self.until_state(state)
