@@ -24,6 +24,7 @@ check: lint  ## Check style and types, and run the quick tests that need no cloc
 
 test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-k …')
 	@.ci/setup-colcon
+	@.ci/setup-launch
 	@$(IN_VENV) exec $(MAKE) --no-print-directory --keep-going --jobs=3 test-pure test-colcon test-clock
 
 # Real-time tests run two at a time, because they mostly wait. The pure tests and those of a colcon
