@@ -74,30 +74,54 @@ def test_number_is_decimal_hexadecimal_or_octal(tmp_path, text, value):
 
 def contents(path):
     """Return the entries of each variable in a file."""
-    return {
-        key: (
+    found = {}
+    for key, one in variables(read_dictionary(path, node_id=3)).items():
+        limits = (one.min, one.max)
+        found[key] = (
             one.data_type,
             one.access_type,
-            one.min,
-            one.max,
+            limits,
             one.default,
             one.pdo_mappable,
         )
-        for key, one in variables(read_dictionary(path, node_id=3)).items()
-    }
+    return found
+
+
+NAMES = r'(?m)^(\[?\w+)(?==|\])'  # of sections and entries
+
+
+def with_capitals(text):
+    return re.sub(NAMES, lambda name: name[1].upper(), text)
+
+
+def with_small_letters(text):
+    return re.sub(NAMES, lambda name: name[1].lower(), text)
+
+
+def with_tabs_and_notes(text):
+    return re.sub(r'(?m)^(\w+)=(.*)', '\t\\1\t=\t\\2\t; note', text)
+
+
+def with_zeros_in_subindices(text):
+    return re.sub(r'sub(?=\d\])', 'sub0', text)
+
+
+def with_old_line_ends(text):
+    return text.replace('\n', '\r')
+
+
+def with_sub_objects_first(text):
+    sections = text.split('\n\n')
+    return '\n\n'.join(reversed(sections))
 
 
 HABITS = {
-    'capitals': lambda text: re.sub(
-        r'(?m)^(\[?\w+)(?==|\])', lambda m: m[1].upper(), text
-    ),
-    'small letters': lambda text: re.sub(
-        r'(?m)^(\[?\w+)(?==|\])', lambda m: m[1].lower(), text
-    ),
-    'tabs': lambda text: re.sub(r'(?m)^(\w+)=(.*)', '\t\\1\t=\t\\2\t; note', text),
-    'zeros': lambda text: re.sub(r'sub(?=\d\])', 'sub0', text),
-    'old line ends': lambda text: text.replace('\n', '\r'),
-    'sub-objects first': lambda text: '\n\n'.join(reversed(text.split('\n\n'))),
+    'capitals': with_capitals,
+    'small letters': with_small_letters,
+    'tabs': with_tabs_and_notes,
+    'zeros': with_zeros_in_subindices,
+    'old line ends': with_old_line_ends,
+    'sub-objects first': with_sub_objects_first,
 }
 
 

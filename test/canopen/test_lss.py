@@ -2,7 +2,8 @@ from facade_manipulator.canopen import indices
 from facade_manipulator.canopen.lss import LssSlave, UNCONFIGURED
 
 IDENTITY = (0xFB, 0x62100000, 1, 4711)
-VALUES = {(indices.IDENTITY, part): one for part, one in enumerate(IDENTITY, start=1)}
+PARTS = enumerate(IDENTITY, start=1)
+VALUES = {(indices.IDENTITY, part): one for part, one in PARTS}
 
 
 def slave() -> LssSlave:

@@ -1,4 +1,5 @@
 from frames import decode_tpdo1, decode_tpdo2, decode_tpdo3, encode_rpdo1
+import pytest
 
 from facade_manipulator.canopen import pdo
 
@@ -12,12 +13,8 @@ def test_process_data_is_little_endian_and_packed():
 
 def test_cob_ids_match_the_predefined_connection_set():
     assert [p.cob_id(2) for p in pdo.PDO_MAP] == [0x202, 0x182, 0x282, 0x382]
-    assert [p.cob_id(2) for p in pdo.unused_pdos(pdo.PDO_MAP)] == [
-        0x302,
-        0x402,
-        0x502,
-        0x482,
-    ]
+    unused = [p.cob_id(2) for p in pdo.unused_pdos(pdo.PDO_MAP)]
+    assert unused == [0x302, 0x402, 0x502, 0x482]
 
 
 # masks of the bits read back; bits 30 and 28 to 11 of a COB-ID are reserved
@@ -26,33 +23,35 @@ COB_ID = 0xA00007FF
 TWO_CHANGES = 0
 
 
+TPDO1_WRITES = [
+    (0x1800, 1, 0xC0000181, 4, True, TWO_CHANGES),
+    (0x1A00, 0, 0, 1, True, TWO_CHANGES),
+    (0x1A00, 1, 0x60410010, 4, True, ALL),
+    (0x1A00, 2, 0x60610008, 4, True, ALL),
+    (0x1A00, 3, 0x60640020, 4, True, ALL),
+    (0x1A00, 0, 3, 1, True, ALL),
+    (0x1800, 2, 1, 1, True, ALL),
+    (0x1800, 1, 0x40000181, 4, True, COB_ID),
+]
+
+
 def test_configuration_of_pdo1_matches_the_transcripts():
-    assert [tuple(write) for write in pdo.TPDO1.configure_writes(1)] == [
-        (0x1800, 1, 0xC0000181, 4, True, TWO_CHANGES),
-        (0x1A00, 0, 0, 1, True, TWO_CHANGES),
-        (0x1A00, 1, 0x60410010, 4, True, ALL),
-        (0x1A00, 2, 0x60610008, 4, True, ALL),
-        (0x1A00, 3, 0x60640020, 4, True, ALL),
-        (0x1A00, 0, 3, 1, True, ALL),
-        (0x1800, 2, 1, 1, True, ALL),
-        (0x1800, 1, 0x40000181, 4, True, COB_ID),
-    ]
+    assert [tuple(write) for write in pdo.TPDO1.configure_writes(1)] == TPDO1_WRITES
     rpdo = pdo.RPDO1.configure_writes(2)
-    assert [write[:3] for write in (rpdo[0], *rpdo[-2:])] == [
-        (0x1400, 1, 0x80000202),
-        (0x1400, 2, 1),
-        (0x1400, 1, 0x202),
-    ]
+    assert rpdo[0][:3] == (0x1400, 1, 0x80000202)
+    assert rpdo[-2][:3] == (0x1400, 2, 1)
+    assert rpdo[-1][:3] == (0x1400, 1, 0x202)
 
 
-def test_tpdo_with_only_conditions_is_sent_less_often():
-    maps = (
-        ('RPDO2', 0x6040),
-        ('TPDO4', 0x6077, 0x6064),
-        ('TPDO2', 0x60F4),
-        ('TPDO3', 0x6077, 0x60FD),
-    )
-    assert [
-        pdo.Pdo(name, tuple(map(pdo.KNOWN_OBJECTS.get, indices))).transmission(100)
-        for name, *indices in maps
-    ] == [1, 1, 1, 10]
+@pytest.mark.parametrize(
+    ('name', 'indices', 'syncs'),
+    [
+        ('RPDO2', [0x6040], 1),
+        ('TPDO4', [0x6077, 0x6064], 1),
+        ('TPDO2', [0x60F4], 1),
+        ('TPDO3', [0x6077, 0x60FD], 10),
+    ],
+)
+def test_tpdo_with_only_conditions_is_sent_less_often(name, indices, syncs):
+    objects = tuple(pdo.KNOWN_OBJECTS[index] for index in indices)
+    assert pdo.Pdo(name, objects).transmission(100) == syncs

@@ -147,10 +147,9 @@ def test_unexpected_answers_do_not_accumulate():
 
 
 def test_endless_segments_time_out():
-    segments = itertools.chain(
-        [bytes.fromhex('4065600000000000')],
-        itertools.cycle((bytes(8), b'\x10' + bytes(7))),
-    )
+    begin = bytes.fromhex('4065600000000000')
+    without_end = itertools.cycle((bytes(8), b'\x10' + bytes(7)))
+    segments = itertools.chain([begin], without_end)
     drive = ScriptedDrive(lambda data: (next(segments),))
     drive.channel.deadline = 0.2
     with pytest.raises(
@@ -172,8 +171,10 @@ class Transcript(ScriptedDrive):
     """
 
     def __init__(self, text: str) -> None:
-        lines = map(str.strip, text.strip().splitlines())
-        self._lines = [(line[0], bytes.fromhex(line[1:])) for line in lines]
+        self._lines = []
+        for line in text.strip().splitlines():
+            frame = line.strip()
+            self._lines.append((frame[0], bytes.fromhex(frame[1:])))
         super().__init__(lambda _: ())
 
     def send(self, cob_id: int, data: bytes) -> None:
