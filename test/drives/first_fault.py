@@ -91,6 +91,16 @@ def command_from_another_master(rig: Rig) -> None:
     rig.forge(cob_ids.NMT, bytes([128, 2]))
 
 
+def forbid_power(rig: Rig) -> None:
+    """Forbid power, as a software stop does."""
+    rig.controller.forbid_power('software_stop was set')
+
+
+def stop(rig: Rig) -> None:
+    """Stop the drives, as the node does after an error."""
+    rig.controller.stop('a callback has failed')
+
+
 FAULTS = {
     'emergency': send_emergency,
     'fault': fail,
@@ -101,8 +111,8 @@ FAULTS = {
     'broken supervision': break_supervision,
     'lost bus': lose_bus,
     'another master': command_from_another_master,
-    'software stop': lambda rig: rig.controller.forbid_power('software_stop was set'),
-    'stop': lambda rig: rig.controller.stop('a callback has failed'),
+    'software stop': forbid_power,
+    'stop': stop,
 }
 
 

@@ -76,14 +76,10 @@ def test_object_that_cannot_be_written_is_named(rig, spoil, key, words):
 
 def test_read_only_objects_with_their_values_are_accepted(rig):
     objects = rig.drives[1].objects
-    objects.stored.update(
-        {
-            (0x605A, 0): 6,
-            (0x1A01, 0): 2,
-            (0x1A01, 1): 0x606C0020,
-            (0x1A01, 2): 0x60F40020,
-        }
-    )
+    objects.stored[0x605A, 0] = 6
+    objects.stored[0x1A01, 0] = 2
+    objects.stored[0x1A01, 1] = 0x606C0020
+    objects.stored[0x1A01, 2] = 0x60F40020
     for key in objects.stored:
         read_only(objects, key)
     rig.request('configure')
@@ -97,13 +93,11 @@ def test_missing_optional_object_is_reported(rig, index):
 
 
 def test_value_that_does_not_fit_its_object_is_named(make_rig, axes_with):
-    axes = axes_with(
-        objects=[{'index': 0x605A, 'subindex': 0, 'value': 70_000, 'required': True}]
-    )
+    entry = {'index': 0x605A, 'subindex': 0, 'value': 70_000, 'required': True}
+    axes = axes_with(objects=[entry])
     rig = make_rig(axes=axes, drives=[*map(SimulatedDrive, DEFAULT_AXES)])
-    assert '70000 does not fit into the 2 bytes of object 605Ah:00' in rig.rejection(
-        'configure'
-    )
+    message = rig.rejection('configure')
+    assert '70000 does not fit into the 2 bytes of object 605Ah:00' in message
 
 
 # --- the values
@@ -112,9 +106,10 @@ def test_value_that_does_not_fit_its_object_is_named(make_rig, axes_with):
 def test_written_values_equal_the_settings(rig):
     rig.request('configure')
     values = rig.drives[0].objects.values
-    assert [
-        values[key] for key in ((0x1016, 1), (0x1017, 0), (0x60C2, 1), (0x6065, 0))
-    ] == [127 << 16 | 150, 50, 10, round(0.015 * 430_000)]
+    assert values[0x1016, 1] == 127 << 16 | 150
+    assert values[0x1017, 0] == 50
+    assert values[0x60C2, 1] == 10
+    assert values[0x6065, 0] == round(0.015 * 430_000)
 
 
 def test_configuration_disables_the_synchronous_window():
@@ -184,11 +179,10 @@ def test_position_limits_are_in_order_and_enclose_the_stroke(direction, lower, l
 )
 def test_speed_or_acceleration_of_zero_is_rejected(setting, value, message):
     """At 1e-4 m/s homing left the switch with 6099h:02 = 0."""
-    coarse = {'gear_ratio': 0.5, 'lead': 1.0, 'homing_speed': 0.1}
-    axis = AxisSettings(
-        velocity_unit='rpm',
-        **{**({} if setting == 'homing_speed' else coarse), setting: value},
-    )
+    details = {setting: value}
+    if setting != 'homing_speed':
+        details |= {'gear_ratio': 0.5, 'lead': 1.0, 'homing_speed': 0.1}
+    axis = AxisSettings(velocity_unit='rpm', **details)
     with pytest.raises(ParameterError, match=f'{setting} = {message}'):
         quantities(axis, SETTINGS)
 
@@ -227,9 +221,9 @@ def test_only_unused_pdos_remain_disabled():
         if write.index & 0xFF00 in (0x1400, 0x1800) and write.subindex == 1:
             cob_ids[write.index] = write.value
     assert len(cob_ids) == 8
-    assert {index for index, one in cob_ids.items() if one & 1 << 31} == {
-        one.communication_index for one in pdo.unused_pdos(pdo.PDO_MAP)
-    }
+    disabled = {index for index, one in cob_ids.items() if one & 1 << 31}
+    unused = {one.communication_index for one in pdo.unused_pdos(pdo.PDO_MAP)}
+    assert disabled == unused
 
 
 def controller(axes=DEFAULT_AXES) -> DriveController:
@@ -237,6 +231,10 @@ def controller(axes=DEFAULT_AXES) -> DriveController:
 
 
 # --- units and identity
+
+
+RATIOS = [(0x608F, 1), (0x608F, 2), (0x6091, 1), (0x6091, 2), (0x6092, 1), (0x6092, 2)]
+ALL_RATIOS_ONE = dict.fromkeys(RATIOS, 1)
 
 
 @pytest.mark.parametrize(
@@ -274,12 +272,7 @@ def controller(axes=DEFAULT_AXES) -> DriveController:
         ),
         ({(0x608F, 1): 4096, (0x608F, 2): 1}, 'makes 4096 counts'),
         # as Elmo's Gold comes, whose position then is in counts of the encoder (DCF of a Whistle)
-        (
-            dict.fromkeys(
-                ((index, n) for index in (0x608F, 0x6091, 0x6092) for n in (1, 2)), 1
-            ),
-            '',
-        ),
+        (ALL_RATIOS_ONE, ''),
         # as Nanotec's CL4-E comes (EDS)
         (
             {(0x608F, 1): 4000, (0x608F, 2): 1, (0x6092, 1): 1, (0x6092, 2): 1},
@@ -311,14 +304,9 @@ class Objects(SdoChannel):
     node_id = 2
 
     def __init__(self, **changes):
-        numbers = GENUINE | changes
-        self._numbers = dict(
-            zip(
-                ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4)),
-                numbers.values(),
-                strict=True,
-            )
-        )
+        numbers = (GENUINE | changes).values()
+        keys = ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4))
+        self._numbers = dict(zip(keys, numbers, strict=True))
 
     def read_number(self, index, subindex=0, signed=False):
         if (number := self._numbers[index, subindex]) is None:

@@ -20,19 +20,13 @@ def test_drives_just_switched_on_are_configured(rig):
         drive.reboot()
     configured(rig)
     assert rig.state is ControllerState.INACTIVE
-    assert [
-        note
-        for note in rig.snapshot.notes
-        if 'q2 (node 2) accepts any drive: set its serial_number, now 2' in note
-    ]
+    notes = '; '.join(rig.snapshot.notes)
+    assert 'q2 (node 2) accepts any drive: set its serial_number, now 2' in notes
 
 
 def test_drive_with_other_identity_is_rejected(make_rig):
-    rig = make_rig(
-        axes=tuple(
-            replace(axis, serial_number=100 + axis.node_id) for axis in DEFAULT_AXES
-        )
-    )
+    axes = [replace(axis, serial_number=100 + axis.node_id) for axis in DEFAULT_AXES]
+    rig = make_rig(axes=tuple(axes))
     rig.request('configure')
     assert not rig.snapshot.notes
     rig.request('cleanup')
@@ -112,8 +106,9 @@ def test_slow_drive_ends_configure_in_time(rig, monkeypatch):
 
 def test_missing_process_data_are_named_at_configure(rig):
     receive = rig.drives[1].receive
+    lost = pdo.TPDO3.cob_id(2)
     rig.drives[1].receive = lambda *frame: [
-        one for one in receive(*frame) if one[0] != pdo.TPDO3.cob_id(2)
+        one for one in receive(*frame) if one[0] != lost
     ]
     with pytest.raises(DriveError, match=r'TPDO3 of q2 \(node 2\) did not arrive'):
         rig.request('configure')
@@ -157,7 +152,8 @@ DEVICE_TYPE = 0x582, bytes.fromhex('4300100092010200')  # answer of q2 for 1000h
 
 def asks_for_identity(frame):
     """Return whether a frame requests object 1018h of q2, which is read after 1000h."""
-    return frame.cob_id == 0x602 and frame.data[1:3] == (0x1018).to_bytes(2, 'little')
+    index = int.from_bytes(frame.data[1:3], 'little')
+    return frame.cob_id == 0x602 and index == 0x1018
 
 
 def test_answer_within_a_self_test_continues_it(rig):

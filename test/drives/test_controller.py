@@ -29,10 +29,7 @@ def requests_of(message: str) -> list[str]:
 def test_normal_sequence_from_configure_to_cleanup_succeeds(rig):
     answer = rig.request('configure')
     assert 'power: confirmed off' in answer
-    assert requests_of(answer) == [
-        'home',
-        'activate',
-    ]
+    assert requests_of(answer) == ['home', 'activate']
     with pytest.raises(
         DriveStateError, match='q3 must be homed; .*next: home, activate'
     ):
@@ -63,15 +60,24 @@ def test_normal_sequence_from_configure_to_cleanup_succeeds(rig):
     assert requests_of(answer) == ['configure', 'home', 'activate']
     assert rig.state == ControllerState.UNCONFIGURED
     assert rig.snapshot.power == 'unknown'
-    rig.until(
-        lambda: {drive.objects.nmt.state for drive in rig.drives} == {'PRE-OPERATIONAL'}
-    )
+
+    def are_pre_operational():
+        return {drive.objects.nmt.state for drive in rig.drives} == {'PRE-OPERATIONAL'}
+
+    rig.until(are_pre_operational)
     rig.request('configure')
 
 
 def test_carriages_arrive_exactly_at_their_targets(rig):
     at_rest(rig)
-    rig.course = lambda time: ([min(0.05 * time, 0.02)] * 3, [0.05 * (time < 0.4)] * 3)
+
+    def course(time):
+        """Move by 0.02 m at 0.05 m/s."""
+        if time < 0.4:
+            return [0.05 * time] * 3, [0.05] * 3
+        return [0.02] * 3, [0.0] * 3
+
+    rig.course = course
     rig.run(2.0)
     assert rig.carriages == pytest.approx([place + 0.02 for place in HOME], abs=1e-5)
 

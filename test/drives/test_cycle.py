@@ -33,11 +33,9 @@ def is_due(clock, now, answers=0, is_step=True, all_read=True) -> bool:
     """Return whether the step, or else SYNC, is due at a time [s], after further answers."""
     for _ in range(answers):
         clock.answer(now)
-    return (
-        clock.is_open is is_step
-        and now >= clock.next_event
-        and (all_read or not clock.let_wait(now, now))
-    )
+    if clock.is_open is not is_step or now < clock.next_event:
+        return False
+    return all_read or not clock.let_wait(now, now)
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from steps import answer
 
-from facade_manipulator.canopen.sdo import SdoChannel
+from facade_manipulator.canopen import cob_ids
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.profile import load_profile, ProfileObject
 from facade_manipulator.drives.snapshot import ControllerState
@@ -31,15 +30,13 @@ REORDERED = {
     'TPDO1': [0x606C],
     'TPDO4': [0x6064, 0x6061, 0x6041],
 }
+NMT_RESETS = (0x81, 0x82)  # of the node, and only of its communication
 UNMAPPED = SimulationSettings(missing_objects=(0x606C, 0x60F4, 0x603F, 0x6077))
 # drives whose zero is home plus 607Ch, as CiA 402 is printed by Elmo
-OTHER_SIGN = [
-    {
-        **one._asdict(),
-        'value': {'home_position': 'home_offset'}.get(one.value, one.value),
-    }
-    for one in load_profile('simulated').objects
-]
+OTHER_SIGN = [one._asdict() for one in load_profile('simulated').objects]
+for entry in OTHER_SIGN:
+    if entry['value'] == 'home_position':
+        entry['value'] = 'home_offset'
 EPOS4 = tuple(replace(axis, profile='epos4') for axis in DEFAULT_AXES)
 
 
@@ -60,9 +57,11 @@ def move(rig):
 
 def hide_mode(drive):
     mode = drive.objects.readers[0x6061, 0]
-    drive.objects.readers[0x6061, 0] = lambda: (
-        mode() if drive.axis.state is State.OPERATION_ENABLED else 0
-    )
+
+    def mode_while_enabled():
+        return mode() if drive.axis.state is State.OPERATION_ENABLED else 0
+
+    drive.objects.readers[0x6061, 0] = mode_while_enabled
 
 
 def never_set_bit_10(drive):
@@ -144,25 +143,32 @@ def test_drive_without_its_bit_4_is_stopped(make_rig, axes_with, kind, other):
 # --- times and the start of a drive
 
 
-def delay_boot(drive, seconds):
-    """Let a drive boot a time [s] after each reset."""
-    restart = drive._restart
+def delay_boot(rig, drive, seconds):
+    """Let a drive be silent for a time [s] before it obeys a reset."""
+    receive = drive.receive
 
-    def slow_restart(keeps_application):
-        restart(keeps_application)
-        drive._boot_at = drive.now + seconds
+    def reset(*frame):
+        drive.is_silent = False
+        rig.deliver(receive(*frame, rig.clock.now))
 
-    drive._restart = slow_restart
+    def receive_resets_late(cob_id, data, now):
+        if cob_id != cob_ids.NMT or data[0] not in NMT_RESETS:
+            return receive(cob_id, data, now)
+        drive.is_silent = True
+        rig.later(seconds, lambda: reset(cob_id, data))
+        return []
+
+    drive.receive = receive_resets_late
 
 
 def test_drive_that_boots_slowly_is_awaited_with_its_quirk(make_rig, axes_with):
     rig = make_rig(axes=axes_with(quirks={'boot_time': 9}))
-    delay_boot(rig.drives[1], 8.5)
+    delay_boot(rig, rig.drives[1], 8.5)
     rig.request('configure', 'home', 'activate')
 
 
 def test_boot_longer_than_expected_names_time_and_quirk(rig):
-    delay_boot(rig.drives[1], 8.5)
+    delay_boot(rig, rig.drives[1], 8.5)
     message = rig.rejection('configure')
     assert 'q2 (node 2) sent no boot-up message' in message
     assert 'set quirks.boot_time in its profile (waited 0.5 s)' in message
@@ -170,11 +176,10 @@ def test_boot_longer_than_expected_names_time_and_quirk(rig):
 
 @pytest.mark.parametrize('knows', [True, False])
 def test_drive_that_starts_itself_needs_its_quirk(make_rig, axes_with, knows):
-    quirks = {'quirks': {'starts_itself': True}}
-    drives = [SimulatedDrive(axis) for axis in axes_with(**quirks)]
-    rig = make_rig(
-        axes=axes_with(**(quirks if knows else {'quirks': {}})), drives=drives
-    )
+    quirks = {'starts_itself': True}
+    drives = [SimulatedDrive(axis) for axis in axes_with(quirks=quirks)]
+    axes = axes_with(quirks=quirks if knows else {})
+    rig = make_rig(axes=axes, drives=drives)
     for drive in drives:
         drive.objects.stored[0x1017, 0] = 50
         drive.reboot()
@@ -193,17 +198,18 @@ def test_object_1f80_shows_that_a_drive_starts_itself(rig, startup, is_accepted)
     drive.reboot()
     rig.run(0.1)
     drive.objects.nmt.state = 'OPERATIONAL'
-    read = SdoChannel.read
-    answers = {(2, 0x1F80): startup.to_bytes(4, 'little')}
+    receive = drive.receive
+    reading = bytes.fromhex('40801f0000000000')
+    answer = bytes.fromhex('43801f00') + startup.to_bytes(4, 'little')
 
-    def read_changed(self, index, subindex):
-        changed = answers.get((self.node_id, index))
-        return answer(changed) if changed else read(self, index, subindex)
+    def answer_startup(cob_id, data, now):
+        if cob_id == cob_ids.SDO_REQUEST + 2 and data == reading:
+            return [(cob_ids.SDO_RESPONSE + 2, answer)]
+        return receive(cob_id, data, now)
 
+    drive.receive = answer_startup
     rig.run(0.1)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(SdoChannel, 'read', read_changed)
-        message = rig.rejection('configure')
+    message = rig.rejection('configure')
     assert (message is None) is is_accepted
 
 
@@ -214,13 +220,18 @@ def pad_process_data(frame):
 
 def shorten_answers(frame):
     cob_id, data = frame
-    if cob_id & ~0x7F == 0x580 and data[0] & 0xE3 == 0x43:
+    if cob_id & ~0x7F != 0x580:
+        return frame
+    if data[0] & 0xE3 == 0x43:
         return cob_id, data[: 8 - (data[0] >> 2 & 3)]
-    return (cob_id, data[:4]) if cob_id & ~0x7F == 0x580 and data[0] == 0x60 else frame
+    if data[0] == 0x60:
+        return cob_id, data[:4]
+    return frame
 
 
 def shorten_emergencies(frame):
-    return (frame[0], frame[1][:3]) if frame[0] in (0x81, 0x82, 0x83) else frame
+    cob_id, data = frame
+    return (cob_id, data[:3]) if cob_id in (0x81, 0x82, 0x83) else frame
 
 
 def test_short_emergency_message_stops_the_drives(rig):
@@ -243,9 +254,11 @@ RESERVED = {  # bits by index and subindex
 def set_reserved_bits(frame):
     """Set reserved bits of COB-IDs and of the watched master in answers of SDO."""
     cob_id, data = frame
-    key = int.from_bytes(data[1:3], 'little'), data[3] if len(data) > 3 else 0
     is_answer = cob_id & ~0x7F == 0x580 and data[0] == 0x43
-    if not is_answer or key not in RESERVED:
+    if not is_answer:
+        return frame
+    key = int.from_bytes(data[1:3], 'little'), data[3]
+    if key not in RESERVED:
         return frame
     value = int.from_bytes(data[4:], 'little') | RESERVED[key]
     return cob_id, data[:4] + value.to_bytes(4, 'little')
@@ -278,9 +291,8 @@ def test_epos4_drives_home_and_move(make_rig):
     rig = make_rig(axes=EPOS4)
     assert {drive.objects.values[0x1018, 1] for drive in rig.drives} == {0xFB}
     move(rig)
-    assert rig.drives[0].objects.values[0x6085, 0] == round(
-        6.0 / 0.02 * 4.3 * 60.0
-    )  # rpm/s
+    deceleration = round(6.0 / 0.02 * 4.3 * 60.0)  # rpm/s
+    assert rig.drives[0].objects.values[0x6085, 0] == deceleration
 
 
 def test_epos4_with_other_unit_is_rejected(make_rig):
@@ -310,46 +322,38 @@ DefaultValue=0
 def fine_axes(tmp_path, axes_with):
     """Return axes whose drive type is described by only a data sheet and a profile."""
     text = config_path('drives/cia402.eds').read_text()
-    (tmp_path / 'fine.eds').write_text(
-        text
-        + OBJECT.format('2310', 'Inversion of inputs')
-        + OBJECT.format('1016sub2', 'Master')
-    )
+    text += OBJECT.format('2310', 'Inversion of inputs')
+    text += OBJECT.format('1016sub2', 'Master')
+    (tmp_path / 'fine.eds').write_text(text)
     inverted = ProfileObject(0x2310, 0, 4 << 8, required=True)
+    objects = [inverted._asdict()]
+    for one in load_profile('generic_cia402').objects:
+        entry = one._asdict()
+        if one.value == 'master_heartbeat':
+            entry['subindex'] = 2
+        objects.append(entry)
     made = axes_with(
         'generic_cia402',
         eds='fine.eds',
         velocity_unit='rpm',
         homing_methods=[23],
         input_polarity={'index': 0x2310, 'subindex': 0, 'shift': 8},
-        objects=[
-            {
-                **one._asdict(),
-                'subindex': 2 if one.value == 'master_heartbeat' else one.subindex,
-            }
-            for one in (*load_profile('generic_cia402').objects, inverted)
-        ],
+        objects=objects,
     )
-    return tuple(
-        replace(
-            axis, homing_method=23, homing_speed=0.1, pulses_per_revolution=TURN // 4
-        )
-        for axis in made
-    )
+    axes = []
+    for axis in made:
+        homing = replace(axis, homing_method=23, homing_speed=0.1)
+        axes.append(replace(homing, pulses_per_revolution=TURN // 4))
+    return tuple(axes)
 
 
 def test_drive_type_from_two_files_homes_and_moves(make_rig, fine_axes):
-    rig = make_rig(
-        axes=fine_axes,
-        drives=[
-            SimulatedDrive(axis, SimulationSettings(home_switch_opens=True))
-            for axis in fine_axes
-        ],
-    )
+    opening = SimulationSettings(home_switch_opens=True)
+    drives = [SimulatedDrive(axis, opening) for axis in fine_axes]
+    rig = make_rig(axes=fine_axes, drives=drives)
     rig.request('configure', 'home')
-    edge = (
-        -SimulationSettings().home_switch_width / 2.0
-    )  # of method 23, and the switch is there
+    # of method 23, and the switch is there
+    edge = -SimulationSettings().home_switch_width / 2.0
     assert rig.carriages == pytest.approx([edge] * 3, abs=0.01)
     rig.stream()
     rig.request('activate')
@@ -358,6 +362,7 @@ def test_drive_type_from_two_files_homes_and_moves(make_rig, fine_axes):
     counts = rig.drives[0].motor.counts
     rig.until(lambda: rig.carriages[0] > start + 0.02)
     rig.request('deactivate')
-    turns = (rig.carriages[0] - start) / fine_axes[0].lead * fine_axes[0].gear_ratio
+    way = rig.carriages[0] - start
+    turns = way / fine_axes[0].lead * fine_axes[0].gear_ratio
     assert motor.counts - counts == pytest.approx(turns * TURN, rel=0.01)
     assert all(drive.objects.values[0x1016, 2] for drive in rig.drives)

@@ -18,11 +18,13 @@ MOST_CALLS = 1000
 @pytest.fixture(scope='module')
 def results():
     """Return the computation of each fault by its name."""
-    output = subprocess.run(
-        [sys.executable, SCRIPT], check=True, capture_output=True, text=True
-    ).stdout
-    found = [json.loads(line) for line in output.splitlines() if line.startswith('{')]
-    return {one['name']: one for one in found}
+    output = subprocess.check_output([sys.executable, SCRIPT], text=True)
+    found = {}
+    for line in output.splitlines():
+        if line.startswith('{'):
+            result = json.loads(line)
+            found[result['name']] = result
+    return found
 
 
 @pytest.mark.parametrize('name', FAULTS)

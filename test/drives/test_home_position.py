@@ -12,7 +12,6 @@ pytestmark = pytest.mark.long
 
 BOOT_TIME = 0.3  # s, in which a restarting drive sends no frame
 SHORT_PAUSE = 0.09  # s, which excuses silence and stops nothing
-SAVE = int.from_bytes(b'save', 'little')
 
 
 def stopped(rig: Rig) -> None:
@@ -40,7 +39,7 @@ situations = pytest.mark.parametrize('situation', SITUATIONS)
 
 def restart(rig: Rig, drive: SimulatedDrive) -> None:
     """Restart a drive, whose objects are stored, without a boot-up message."""
-    drive.objects._store(SAVE)
+    drive.objects.sdo.download(0x1010, 1, b'save')
     drive.is_silent = True
     drive.reboot()
     rig.later(BOOT_TIME, lambda: setattr(drive, 'is_silent', False))
@@ -71,7 +70,7 @@ def test_restart_that_nobody_heard_loses_the_home_position(
     SITUATIONS[situation](rig)
     for number in numbers:
         restart_(rig, rig.drives[number])
-    rig.run(BOOT_TIME + 1.5)
+    rig.run(BOOT_TIME + 0.7)
     assert set(rig.snapshot.unhomed) >= {AXIS_NAMES[number] for number in numbers}
     assert 'home, activate' in rig.snapshot.next_step
     rig.recover()
@@ -113,7 +112,7 @@ def test_own_pause_keeps_the_home_position(
     SITUATIONS[situation](rig)
     limit_queue(rig, room)
     rig.stall(seconds)
-    rig.run(1.0)
+    rig.run(0.5)
     assert not rig.snapshot.unhomed
     assert 'configure' not in rig.snapshot.next_step
     rig.recover()
@@ -122,11 +121,13 @@ def test_own_pause_keeps_the_home_position(
 def limit_queue(rig: Rig, room: int) -> None:
     """Drop frames to the master while its queue is full, as the socket does."""
     deliver = rig.deliver
-    rig.deliver = lambda frames: [
-        deliver([frame])
-        for frame in frames
-        if rig.bus is None or len(rig.bus.inbox) < room
-    ]
+
+    def deliver_while_there_is_room(frames):
+        for frame in frames:
+            if rig.bus is None or len(rig.bus.inbox) < room:
+                deliver([frame])
+
+    rig.deliver = deliver_while_there_is_room
 
 
 def test_own_nmt_stop_keeps_the_home_position(rig):

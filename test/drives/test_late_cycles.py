@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 import math
 
 from bus_world import at_rest, SETTINGS
@@ -41,21 +42,17 @@ def test_late_loop_leaves_no_carriage_behind(rig, pause):
 @pytest.mark.parametrize('phase', [0.5, 2.5])
 def test_second_sync_after_a_stall_keeps_home_positions(make_rig, phase):
     """The loop sends a SYNC because it has not read the kernel's SYNC; both are 1 ms apart."""
-    rig = make_rig(
-        settings=replace(SETTINGS, drive_lag=0.0),
-        has_kernel_sync=True,
-        drives=[
-            SimulatedDrive(axis, SimulationSettings(lag=0.0)) for axis in DEFAULT_AXES
-        ],
-    )
+    settings = replace(SETTINGS, drive_lag=0.0)
+    prompt = SimulationSettings(lag=0.0)
+    drives = [SimulatedDrive(axis, prompt) for axis in DEFAULT_AXES]
+    rig = make_rig(settings=settings, has_kernel_sync=True, drives=drives)
     at_rest(rig)
     rig.stream(amplitude=0.12, rate=RATE)
     rig.run(phase * math.pi / RATE)
     rig.stall(0.03)
     rig.run(0.3)
-    assert (rig.state, rig.snapshot.unhomed) == (ControllerState.ACTIVE, ()), (
-        rig.all_causes
-    )
+    assert rig.state is ControllerState.ACTIVE, rig.all_causes
+    assert rig.snapshot.unhomed == ()
 
 
 def latched_targets(rig) -> list[int]:
@@ -110,7 +107,7 @@ def test_step_that_ends_late_makes_no_double_step(make_rig, duration, count, lat
     rig.checks.is_late = True
     delay_step(rig, duration * SETTINGS.period, count)
     rig.cycles(8)
-    largest = max(abs(b - a) for a, b in zip(latched, latched[1:], strict=False))
+    largest = max(abs(after - before) for before, after in pairwise(latched))
     fastest = MotionLimits().speed * SETTINGS.period
     assert rig.axes[1].to_metres(largest) <= 1.01 * fastest
     assert rig.snapshot.cycle.late - late_before == late
@@ -146,12 +143,17 @@ def streamed(rig, *steps):
 
 @pytest.mark.parametrize('has_kernel_sync', [False, True])
 def test_set_system_clock_neither_moves_nor_stops_the_drives(make_rig, has_kernel_sync):
-    steps = (0.0, -0.3, -30.0, -0.05, 0.05, 5.0, -0.15, 0.3, 30.0, -0.4)
+    steps = [0.0, -0.3, -30.0, -0.05, 0.05, 5.0, -0.15, 0.3, 30.0, -0.4]
     rigs = [make_rig(has_kernel_sync=has_kernel_sync) for _ in range(2)]
     expected = streamed(rigs[0], *[0.0] * len(steps))
     commanded = streamed(rigs[1], *steps)
     assert commanded == pytest.approx(expected, abs=1e-5)
     assert rigs[1].follower.brakes == 0
+
+
+def maximum_speed(rig):
+    """Return the speed of the fastest carriage [m/s]."""
+    return max(abs(axis.velocity) for axis in rig.snapshot.axes)
 
 
 @pytest.mark.parametrize('lower', [SLOWER, SMOOTHER])
@@ -160,9 +162,9 @@ def test_lowering_limits_at_full_speed_only_brakes(rig, lower):
     rig.stream(amplitude=0.12, rate=RATE)
     for _ in range(6):
         rig.run(0.13)
-        fastest = max(lower.speed, *(abs(axis.velocity) for axis in rig.snapshot.axes))
+        fastest = max(lower.speed, maximum_speed(rig))
         rig.follower.change_limits(lower)
         rig.run(0.2)
-        assert max(abs(axis.velocity) for axis in rig.snapshot.axes) <= fastest + 0.01
+        assert maximum_speed(rig) <= fastest + 0.01
         rig.follower.change_limits(HIGHER)
         rig.run(0.4)

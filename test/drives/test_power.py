@@ -130,11 +130,8 @@ def test_power_of_powered_and_silent_drives_is_reported(make_rig):
     rig = make_rig(settings=replace(SETTINGS, max_missed_cycles=3))
     stop_with_power(rig, fall_silent)
     rig.until(lambda: rig.snapshot.power == 'q1 on, q2 unknown, q3 on')
-    assert [axis.power for axis in rig.snapshot.axes] == [
-        Power.ON,
-        Power.UNKNOWN,
-        Power.ON,
-    ]
+    powers = [axis.power for axis in rig.snapshot.axes]
+    assert powers == [Power.ON, Power.UNKNOWN, Power.ON]
     assert 'power: q1 on, q2 unknown, q3 on' in rig.rejection('home')
 
 
@@ -149,9 +146,8 @@ def test_drive_deaf_to_rpdo_is_stopped_by_nmt(make_rig, situation, number):
     rig.until(lambda: rig.drive_states[number] is State.QUICK_STOP_ACTIVE)
     assert f'q{number + 1} did not stop' in rig.all_causes
     assert 'then cleanup, configure, home, activate' in rig.snapshot.next_step
-    assert [frame.data for frame in rig.frames() if frame.cob_id == 0] == [
-        bytes([2, number + 1])
-    ]
+    commands = [frame.data for frame in rig.frames() if frame.cob_id == 0]
+    assert commands == [bytes([2, number + 1])]
     assert 'confirmed that their power is off' in rig.request('cleanup')
 
 
@@ -161,10 +157,9 @@ ENABLE = (Controlword.SHUTDOWN, Controlword.SWITCH_ON, Controlword.ENABLE_OPERAT
 
 
 def write(rig, index, value):
+    frame = bytes([0x2B, index & 0xFF, index >> 8, 0, value, 0, 0, 0])
     for node in (1, 2, 3):
-        rig.forge(
-            0x600 + node, bytes([0x2B, index & 0xFF, index >> 8, 0, value, 0, 0, 0])
-        )
+        rig.forge(0x600 + node, frame)
 
 
 @pytest.mark.parametrize(
@@ -211,15 +206,9 @@ def test_drive_moving_for_another_master_is_left_unchanged(rig):
 def test_drives_without_dead_master_stop_get_no_power(
     make_rig, axes_with, index, request_
 ):
-    rig = make_rig(
-        axes=axes_with(
-            objects=[
-                one._asdict()
-                for one in load_profile('simulated').objects
-                if one.index != index
-            ]
-        )
-    )
+    objects = [one._asdict() for one in load_profile('simulated').objects]
+    others = [entry for entry in objects if entry['index'] != index]
+    rig = make_rig(axes=axes_with(objects=others))
     for drive in rig.drives:
         drive.objects.defaults[0x6007, 0] = 0
         drive.reboot()

@@ -109,12 +109,11 @@ def test_priority_covers_all_threads_but_no_child(requests):
         release.set()
         thread.join()
     scheduled = [details for name, details in requests if name == 'sched_setscheduler']
-    assert {threading.main_thread().native_id, thread.native_id} <= {
-        number for number, _, _ in scheduled
-    }
-    assert {policy for _, policy, _ in scheduled} == {
-        os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-    }
+    threads = {number for number, _, _ in scheduled}
+    assert threading.main_thread().native_id in threads
+    assert thread.native_id in threads
+    policies = {policy for _, policy, _ in scheduled}
+    assert policies == {os.SCHED_FIFO | os.SCHED_RESET_ON_FORK}
 
 
 def test_node_started_with_a_priority_keeps_it(monkeypatch, requests):
@@ -150,12 +149,9 @@ while os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK and time.monotonic() < 
     pass
 print('policy', os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
 """
+    command = [sys.executable, '-c', program]
     ended = subprocess.run(
-        [sys.executable, '-c', program],
-        capture_output=True,
-        text=True,
-        timeout=30.0,
-        check=False,
+        command, capture_output=True, text=True, timeout=30.0, check=False
     )
     if 'not permitted' in ended.stderr:
         pytest.skip('this account may not use real-time priority')

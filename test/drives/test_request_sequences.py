@@ -42,9 +42,8 @@ PERMITTED = {
 POWERING = {'activate', 'deactivate', 'home', 'halt'}
 SWAY = 50_000  # counts/s, a speed that no drive reports at rest
 SWAY_TIME = 0.45  # s
-RIG_LIFE = (
-    49  # sequences on one rig, before its carriages drift to the ends of the rail
-)
+# sequences on one rig, before its carriages drift to the ends of the rail
+RIG_LIFE = 49
 LONGEST_END = 3.0  # s, until each request is answered and each step is completed
 
 
@@ -65,9 +64,11 @@ class LifeCycle:
 
     def _let_sway(self, drive) -> None:
         read = drive.objects.readers[0x606C, 0]
-        drive.objects.readers[0x606C, 0] = lambda: (
-            SWAY if self.rig.clock.now < self._swaying_until else read()
-        )
+
+        def read_swaying() -> int:
+            return SWAY if self.rig.clock.now < self._swaying_until else read()
+
+        drive.objects.readers[0x606C, 0] = read_swaying
 
     def sway(self) -> None:
         """Let the carriages seem to move for a while."""
@@ -88,12 +89,16 @@ class LifeCycle:
             self._update()
             self._check_power()
 
-    def end(self) -> None:
-        """Run until nothing changes any longer, and check the state."""
+    def settle(self) -> None:
+        """Run until nothing changes any longer."""
         end = self.rig.clock.now + LONGEST_END
         while self._pending or not self._is_settled:
             assert self.rig.clock.now < end, (self.rig.state, self._pending)
             self.cycles(1)
+
+    def end(self) -> None:
+        """Run until nothing changes any longer, and check the state."""
+        self.settle()
         self.cycles(5)
         assert self.rig.state in PERMITTED[self.label], (self.label, self.rig.state)
 
@@ -101,7 +106,7 @@ class LifeCycle:
         """Enter a life-cycle state by the usual requests."""
         while self.label != label or (is_homed and self._must_home):
             self.ask(self._request_towards(label))
-            self.end()
+            self.settle()
 
     def _request_towards(self, label: str) -> str:
         if self.rig.state is ControllerState.STOPPED:
@@ -125,9 +130,9 @@ class LifeCycle:
     def _update(self) -> None:
         """Answer the completed requests, and leave a state that the drives have left."""
         state = self.rig.state
-        for entry in [entry for entry in self._pending if entry[1].done()]:
-            self._pending.remove(entry)
-            name, job = entry
+        completed = [entry for entry in self._pending if entry[1].done()]
+        for name, job in completed:
+            self._pending.remove((name, job))
             if name in TRANSITIONS and job.exception() is None:
                 self.label = TRANSITIONS[name][1]
         if self.label == 'active' and not state.is_active:
@@ -137,9 +142,8 @@ class LifeCycle:
 
     def _check_power(self) -> None:
         """Require that no drive is enabled without an active node or a pending request."""
-        is_permitted = self.label == 'active' or any(
-            name in POWERING for name, _ in self._pending
-        )
+        requested = {name for name, _ in self._pending}
+        is_permitted = self.label == 'active' or requested & POWERING
         is_enabled = State.OPERATION_ENABLED in self.rig.drive_states
         assert is_permitted or not is_enabled, (self.label, self.rig.state)
 
@@ -170,7 +174,7 @@ def activating(life: LifeCycle) -> None:
 def active(life: LifeCycle) -> None:
     if life.rig.state is ControllerState.HALTED:
         life.ask('clear_faults')
-        life.end()
+        life.settle()
     life.become('active')
     life.cycles(15)
 
@@ -183,14 +187,14 @@ def active_swaying(life: LifeCycle) -> None:
 def halted(life: LifeCycle) -> None:
     active(life)
     life.ask('halt')
-    life.end()
+    life.settle()
 
 
 def stopped(life: LifeCycle) -> None:
     active(life)
     life.rig.controller.stop('the operator stops')
     life.cycles(15)
-    life.end()
+    life.settle()
 
 
 def unconfigured(life: LifeCycle) -> None:

@@ -1,6 +1,5 @@
 """State of one cycle: positions for users, reported changes, and states of the drives."""
 
-from itertools import zip_longest
 import re
 
 import pytest
@@ -28,15 +27,14 @@ CAUSES = tuple(Cause(message, 'clear the faults') for message in ('first', 'seco
 
 def snapshot(*changes, **others):
     """Return a snapshot whose first axes have the given changes."""
-    axes = tuple(
-        AxisSnapshot(
-            name, number, ENABLED, position=0.1, homed=True, heartbeat_age=1.0
-        )._replace(**change)
-        for number, (name, change) in enumerate(
-            zip_longest(AXIS_NAMES, changes, fillvalue={}), 1
-        )
-    )
-    return ControllerSnapshot(ControllerState.ACTIVE, 1000.0, axes)._replace(**others)
+    usual = {'position': 0.1, 'homed': True, 'heartbeat_age': 1.0}
+    axes = []
+    for number, name in enumerate(AXIS_NAMES):
+        change = changes[number] if number < len(changes) else {}
+        details = {'statusword': ENABLED} | usual | change
+        axes.append(AxisSnapshot(name, number + 1, **details))
+    details = {'state': ControllerState.ACTIVE, 'stamp': 1000.0} | others
+    return ControllerSnapshot(axes=tuple(axes), **details)
 
 
 def reported(one):

@@ -30,46 +30,41 @@ def analysis(
 def test_default_parameters_keep_the_carriages_apart():
     found = analysis()
     found.check()
-    assert [outcome.distance for outcome in found.outcomes] == pytest.approx(
-        [0.0154, 0.0054], abs=1e-4
-    )
-    assert found.separation.speed(GEOMETRY.carriage_gap) == pytest.approx(
-        0.294, abs=0.001
-    )
-    assert found.separation.distance(LIMITS.speed) == pytest.approx(0.0518, abs=1e-4)
+    distances = [outcome.distance for outcome in found.outcomes]
+    assert distances == pytest.approx([0.0154, 0.0054], abs=1e-4)
+    speed = found.separation.speed(GEOMETRY.carriage_gap)
+    assert speed == pytest.approx(0.294, abs=0.001)
+    distance = found.separation.distance(LIMITS.speed)
+    assert distance == pytest.approx(0.0518, abs=1e-4)
 
 
 @pytest.mark.parametrize('lag', [0.0, 0.01])
 def test_worst_axis_and_drive_lag_determine_the_separation(lag):
+    first, middle, last = DEFAULT_AXES
+    longer = middle.following_error_time + 0.03
     worse = replace(
-        DEFAULT_AXES[1],
+        middle,
         stop_deceleration=4.0,
         following_error_window=0.02,
-        following_error_time=DEFAULT_AXES[1].following_error_time + 0.03,
+        following_error_time=longer,
     )
-    found = StoppingAnalysis(
-        GEOMETRY,
-        LIMITS,
-        (DEFAULT_AXES[0], worse, DEFAULT_AXES[2]),
-        replace(CONTROLLER, drive_lag=lag),
-    ).separation
+    axes = (first, worse, last)
+    controller = replace(CONTROLLER, drive_lag=lag)
+    found = StoppingAnalysis(GEOMETRY, LIMITS, axes, controller).separation
     sound = analysis().separation
     assert found.deceleration == 4.0
     assert found.window == 0.02
-    assert [
-        found.silence - sound.silence,
-        found.report - sound.report,
-        found.tracking - sound.tracking,
-    ] == pytest.approx([lag, lag, 0.03 + lag])
+    assert found.silence - sound.silence == pytest.approx(lag)
+    assert found.report - sound.report == pytest.approx(lag)
+    assert found.tracking - sound.tracking == pytest.approx(0.03 + lag)
 
 
 def test_loop_slows_down_when_measured_carriages_are_near():
     start = Geometry(carriage_offsets=(0.0, 0.0, -0.02))
     guard = Guard(start, analysis(start).separation, limit_margin=0.0)
     assert guard.allowed_speed((-0.1, 0.1, 0.0)) > LIMITS.speed
-    assert guard.allowed_speed((-0.05, 0.1, 0.0)) == pytest.approx(
-        analysis().separation.speed(0.03)
-    )
+    slow = analysis().separation.speed(0.03)
+    assert guard.allowed_speed((-0.05, 0.1, 0.0)) == pytest.approx(slow)
 
 
 @pytest.mark.parametrize('number', [0, 1])

@@ -5,7 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
-from bus_world import at_rest, configured, HOME, SETTINGS, SITUATIONS, SWITCH_HOMING
+from bus_world import (
+    at_rest,
+    axes_at,
+    configured,
+    HOME,
+    SETTINGS,
+    SITUATIONS,
+    SWITCH_HOMING,
+)
 import pytest
 
 from facade_manipulator.canopen import cob_ids, pdo
@@ -15,7 +23,6 @@ from facade_manipulator.drives.exchange import LONGEST_WAIT
 from facade_manipulator.drives.snapshot import ControllerState, Remedy
 from facade_manipulator.drives.states import Controlword, POWERED_STATES, State
 from facade_manipulator.errors import BusError, DriveError, LimitError
-from facade_manipulator.motion.follower import SetpointFollower
 from facade_manipulator.motion.limits import MotionLimits
 
 # --- frames
@@ -48,13 +55,12 @@ def test_stop_shortly_before_sync_waits_for_it(make_rig, share):
     at_rest(rig)
     sync = rig.bus.next_sync
     period = rig.settings.period
-    rig.later(
-        sync + share * period - rig.clock.now,
-        lambda: rig.forge(cob_ids.EMERGENCY + 1, OVERCURRENT),
-    )
+    ahead = sync + share * period - rig.clock.now
+    rig.later(ahead, lambda: rig.forge(cob_ids.EMERGENCY + 1, OVERCURRENT))
     rig.frames()
     rig.cycles(4)
-    times = [frame.time - sync for frame in rig.frames() if is_quick_stop(frame)][:3]
+    stops = [frame for frame in rig.frames() if is_quick_stop(frame)]
+    times = [frame.time - sync for frame in stops[:3]]
     assert max(times) - min(times) < 0.01 * period
     assert (times[0] >= period) is (share > 0.8)
 
@@ -128,10 +134,7 @@ def test_stop_for_an_error_has_one_next_step(rig, spoil, step):
 
 
 CLOSE = (-0.022, 0.022, 0.0)  # m, where a pose closes too
-CLOSE_AXES = tuple(
-    replace(axis, home_position=home)
-    for axis, home in zip(DEFAULT_AXES, CLOSE, strict=True)
-)
+CLOSE_AXES = axes_at(CLOSE)
 
 
 def test_carriage_lagging_into_the_gap_stops_all(make_rig):
@@ -271,10 +274,22 @@ def test_power_stays_on_while_carriages_brake(make_rig):
     assert DEFAULT_AXES[0].to_metres(max(speeds)) < 0.02
 
 
-def test_power_off_waits_for_targets_at_rest(rig, monkeypatch):
+class RestlessSource:
+    """Follower of setpoints whose targets never rest."""
+
+    at_rest = False
+
+    def __init__(self, follower):
+        self._follower = follower
+
+    def __getattr__(self, name):
+        return getattr(self._follower, name)
+
+
+def test_power_off_waits_for_targets_at_rest(rig):
     """Carriages that reverse are at rest for a moment."""
     at_rest(rig)
-    monkeypatch.setattr(SetpointFollower, 'at_rest', False)
+    rig.controller.targets.source = RestlessSource(rig.follower)
     rig.ask('deactivate')
     rig.run(0.5)
     assert rig.drive_states == [State.OPERATION_ENABLED] * 3

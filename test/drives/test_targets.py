@@ -9,17 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.drives.axis import Axis
+from facade_manipulator.drives.axis import make_axes
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.group_state import GroupState
 from facade_manipulator.drives.guard import Unguarded
-from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import AxisCommand, Mode
 from facade_manipulator.drives.targets import STEP_MARGIN, TargetSupervisor
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
 ACTIVE = GroupState.ACTIVE
 OFF, ON = (AxisCommand(word, Mode.CYCLIC_SYNCHRONOUS_POSITION) for word in (0x00, 0x0F))
@@ -57,10 +55,7 @@ class Drives:
 
     def __init__(self, lag: float = 0.0, axes=DEFAULT_AXES) -> None:
         settings = replace(SETTINGS, drive_lag=lag)
-        self.axes = tuple(
-            Axis(name, axis, load_profile(axis.profile), settings)
-            for name, axis in zip(AXIS_NAMES, axes, strict=True)
-        )
+        self.axes = make_axes(axes, settings)
         for axis, counts in zip(self.axes, HERE, strict=True):
             axis.feedback.counts = counts
         self.source = Source()
@@ -111,10 +106,8 @@ def test_steps_to_the_drives_stay_within_the_bound(cycles):
             continue
         if state in FOLLOWING:
             largest = LARGEST_STEP * DEFAULT_AXES[0].counts_per_metre + 1
-            assert (
-                max(abs(a - b) for a, b in zip(drives.counts, before, strict=True))
-                <= largest
-            )
+            for count, previous in zip(drives.counts, before, strict=True):
+                assert abs(count - previous) <= largest
 
 
 def test_enabled_drives_hold_their_targets_without_following():

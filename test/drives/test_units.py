@@ -55,7 +55,6 @@ def test_prototype_has_the_published_counts_and_force():
         velocity_unit='rpm',
     )
     assert scale.counts_per_metre == pytest.approx(430_000)
-    assert 1000 * scale.si_per_unit.force == pytest.approx(
-        2 * math.pi * 0.8 * 0.0545 * 4.3 / 0.02
-    )
+    torque = 0.8 * 0.0545 * 4.3  # N m, at the screw
+    assert 1000 * scale.si_per_unit.force == pytest.approx(2 * math.pi * torque / 0.02)
     assert scale.si_per_unit.velocity * 6450 == pytest.approx(0.5)

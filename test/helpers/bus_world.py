@@ -21,7 +21,7 @@ from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.clock import SteadyTime
 from facade_manipulator.control_loop.control_loop import guarded_follower
 from facade_manipulator.control_loop.loop_channel import LoopSetup
-from facade_manipulator.drives.axis_settings import DEFAULT_AXES
+from facade_manipulator.drives.axis_settings import AxisSettings, DEFAULT_AXES
 from facade_manipulator.drives.controller import DriveController, REQUESTS
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
@@ -41,6 +41,16 @@ MOST_STEPS = 20  # from anything to drives that follow
 SWITCH_HOMING = tuple(
     replace(axis, homing_method=17, homing_speed=0.2) for axis in DEFAULT_AXES
 )
+
+
+def axes_at(homes: PerCarriage) -> tuple[AxisSettings, ...]:
+    """Return the default axes with other home positions [m]."""
+    axes = []
+    for axis, home in zip(DEFAULT_AXES, homes, strict=True):
+        axes.append(replace(axis, home_position=home))
+    return tuple(axes)
+
+
 #: takes a time since the drives are active [s]; returns how far the carriages have gone since
 #: then [m] and how fast they go [m/s]
 Course = Callable[[float], tuple[list[float], list[float]]]
@@ -254,18 +264,13 @@ class Rig(BusWorld):
             self._base = motion.position
             self._begun = self.clock.now
         offsets, speeds = self.course(self.clock.now - self._begun + LEAD)
+        stamp = self._steady_time.from_stamp(self.clock.time() + LEAD)
+        positions = []
+        for base, offset in zip(self._base, offsets, strict=True):
+            positions.append(base + offset)
+        setpoint = Setpoint(stamp, tuple(positions), tuple(speeds))
         with suppress(ManipulatorError):  # a setpoint that is rejected moves nothing
-            self.follower.add(
-                Setpoint(
-                    self._steady_time.from_stamp(self.clock.time() + LEAD),
-                    tuple(
-                        q + offset
-                        for q, offset in zip(self._base, offsets, strict=True)
-                    ),
-                    tuple(speeds),
-                ),
-                self.clock.monotonic(),
-            )
+            self.follower.add(setpoint, self.clock.monotonic())
 
 
 # --- situations

@@ -59,6 +59,15 @@ class Cycle(NamedTuple):
     deviations: tuple[float, ...] | None  #: its published standard deviations
 
 
+class Plan(NamedTuple):
+    """Pose on the wall for a time, and the disturbance predicted for it."""
+
+    time: float  #: [s]
+    reference: Pose
+    predicted: Pose | None
+    deviations: tuple[float, ...] | None
+
+
 class ClosedLoop:
     """Control loop that runs cycle by cycle."""
 
@@ -82,9 +91,7 @@ class ClosedLoop:
         self._stream = SetpointStream(geometry, MIN_CONDITIONING)
         self._command = self.world.carriages  # computed in the previous cycle
         self._measured: tuple[float, Carriages, Wrench] | None = None
-        self._plans: deque[tuple[Any, ...]] = (
-            deque()
-        )  # time, reference, prediction, deviations
+        self._plans: deque[Plan] = deque()
         self.estimator = DisturbanceEstimator(SETUP) if scenario.raw_sensors else None
 
     def run(self, duration: float) -> list[Cycle]:
@@ -104,9 +111,8 @@ class ClosedLoop:
         mission = self.scenario.mission
         cycles = self.run(ESTIMATOR_START)
         for number in range(math.ceil(duration / mission.goal_period)):
-            cycles += self.follow(
-                mission.goal(number * mission.goal_period), mission.goal_period, 0.0
-            )
+            goal = mission.goal(number * mission.goal_period)
+            cycles += self.follow(goal, mission.goal_period, 0.0)
         return cycles
 
     def step(self) -> Cycle:
@@ -117,11 +123,8 @@ class ClosedLoop:
             stamp, carriages, wrench = self._measured
             if self.scenario.wall.is_touched:
                 self._attempt(compensator.contact.add_wrench, now, stamp, wrench)
-            self._attempt(
-                compensator.following.add_head,
-                stamp,
-                self._mechanism.forward_kinematics(carriages),
-            )
+            head = self._mechanism.forward_kinematics(carriages)
+            self._attempt(compensator.following.add_head, stamp, head)
         self._measured = now, self.world.carriages, self.world.measure_wrench()
         for estimate in self._estimates(now):
             self._attempt(compensator.add_estimate, now, *estimate[:3])
@@ -129,33 +132,30 @@ class ClosedLoop:
         is_limited = False
         if corrected is not None:
             time = corrected.time
-            self._plans.append(
-                (
-                    time,
-                    corrected.reference,
-                    compensator.correction.disturbance(time),
-                    compensator.correction.deviations(time),
-                )
-            )
-            is_limited = any(
-                abs(error) > HeldBack.LEAST_ERROR
-                for error in corrected.saturation_error
-            )
-            self._attempt(
-                lambda: self.follower.add(
-                    self._stream.setpoint(time, corrected.pose), now
-                )
-            )
+            predicted = compensator.correction.disturbance(time)
+            deviations = compensator.correction.deviations(time)
+            plan = Plan(time, corrected.reference, predicted, deviations)
+            self._plans.append(plan)
+            most = max(map(abs, corrected.saturation_error))
+            is_limited = most > HeldBack.LEAST_ERROR
+            self._attempt(self._add_setpoint, time, corrected.pose, now)
         self.now = now + PERIOD
         self.world.advance(self.now, self._command)
-        self._command = Carriages(
-            *self.follower.sample(now + CYCLES_AHEAD * PERIOD + DRIVE_LAG)
-        )
-        while len(self._plans) > 1 and self._plans[1][0] <= self.now + 1e-9:
+        reach_time = now + CYCLES_AHEAD * PERIOD + DRIVE_LAG
+        self._command = Carriages(*self.follower.sample(reach_time))
+        return self._cycle(is_limited)
+
+    def _add_setpoint(self, time: float, pose: Pose, now: float) -> None:
+        self.follower.add(self._stream.setpoint(time, pose), now)
+
+    def _cycle(self, is_limited: bool) -> Cycle:
+        """Compare the world with the plan for the present time."""
+        while len(self._plans) > 1 and self._plans[1].time <= self.now + 1e-9:
             self._plans.popleft()
-        _, reference, predicted, deviations = (
-            self._plans[0] if self._plans else (self.now, self.world.head, None, None)
-        )
+        plan = Plan(self.now, self.world.head, None, None)
+        if self._plans:
+            plan = self._plans[0]
+        reference = plan.reference
         return Cycle(
             self.now,
             self.world.rail,
@@ -165,8 +165,8 @@ class ClosedLoop:
             difference(compose(self.world.rail, reference), reference),
             is_limited,
             self._command,
-            predicted,
-            deviations,
+            plan.predicted,
+            plan.deviations,
         )
 
     def _estimates(self, now: float) -> list[Estimate]:
@@ -175,17 +175,10 @@ class ClosedLoop:
         for measurement in self.world.raw_sensors.receive(now):
             feed(self.estimator, now, measurement, [])
         motion = self.estimator.advance(now)
-        return (
-            []
-            if motion is None
-            else [
-                Estimate(
-                    motion.stamp,
-                    motion.pose,
-                    tuple(np.diag(motion.covariance).tolist()),
-                )
-            ]
-        )
+        if motion is None:
+            return []
+        variances = tuple(np.diag(motion.covariance).tolist())
+        return [Estimate(motion.stamp, motion.pose, variances)]
 
     def _attempt(self, take: Callable[..., object], *arguments: Any) -> None:
         try:

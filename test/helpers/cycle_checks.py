@@ -38,10 +38,13 @@ FOREIGN_STATES = {ControllerState.UNCONFIGURED, ControllerState.BUS_LOST}
 
 def differences(positions: Sequence[Sequence[float]], period: float) -> list[float]:
     """Return the largest first, second and third differences of positions a period apart."""
-    return [
-        float(abs(np.diff(positions, power, axis=0)).max(initial=0.0)) / period**power
-        for power in (1, 2, 3)
-    ]
+    found = []
+    changes = np.asarray(positions)
+    for power in (1, 2, 3):
+        changes = np.diff(changes, axis=0)
+        largest = float(abs(changes).max(initial=0.0))
+        found.append(largest / period**power)
+    return found
 
 
 def require_limits(
@@ -64,11 +67,10 @@ class CycleChecks:
         self.check_targets = MechanismCheck(Geometry()).exact
         self.commands = 0  #: sets of three targets that were checked
         self._rig = rig
-        self._numbers = {  # of the axes whose commands come in the default PDO
-            pdo.RPDO1.cob_id(axis.settings.node_id): number
-            for number, axis in enumerate(rig.controller.axes)
-            if pdo.RPDO1 in axis.profile.pdos
-        }
+        self._numbers = {}  # of the axes whose commands come in the default PDO
+        for number, axis in enumerate(rig.controller.axes):
+            if pdo.RPDO1 in axis.profile.pdos:
+                self._numbers[pdo.RPDO1.cob_id(axis.settings.node_id)] = number
         self._read = 0
         self._is_enabled = [False] * 3
         self._targets: dict[int, float] = {}

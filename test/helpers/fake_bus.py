@@ -94,13 +94,12 @@ class BusWorld:
     def deadline(self) -> float:
         """Return the time of the next event, action of a drive or SYNC of the kernel [s]."""
         sync = self.bus.next_sync if self.bus is not None else math.inf
-        return min(
-            [
-                sync,
-                *(time for time, _ in self._events),
-                *(drive.deadline for drive in self.drives),
-            ]
-        )
+        times = [sync]
+        for time, _ in self._events:
+            times.append(time)
+        for drive in self.drives:
+            times.append(drive.deadline)
+        return min(times)
 
     def advance(self) -> None:
         """Execute events, actions of drives and the kernel's SYNC until now."""

@@ -36,34 +36,28 @@ WINDOW = 10.0  # s
 def power() -> np.ndarray:
     """Return the power of each axis at each frequency, shape (3, n) [m², m², rad²]."""
     reduced = FREQUENCIES * HEIGHT / SPEED
-    winds = [
-        FRICTION_SPEED**2
-        / FREQUENCIES
-        * a
-        * reduced
-        / (1.0 + b * reduced) ** (5.0 / 3.0)
-        for a, b in KAIMAL
-    ]
+    scale = FRICTION_SPEED**2 / FREQUENCIES
+    winds = [scale * a * reduced / (1.0 + b * reduced) ** (5 / 3) for a, b in KAIMAL]
     s = 2j * np.pi * FREQUENCIES
     powers = []
     for resonances in RESONANCES:
         responses = np.zeros((2, len(FREQUENCIES)), complex)
         for rate, *gains in resonances:
-            responses += np.outer(
-                gains, 1.0 / (rate**2 + 2.0 * DAMPING * rate * s + s**2)
-            )
-        powers.append(STEP * (np.abs(responses) ** 2 * winds).sum(axis=0))
+            resonance = 1.0 / (rate**2 + 2.0 * DAMPING * rate * s + s**2)
+            responses += np.outer(gains, resonance)
+        densities = np.abs(responses) ** 2 * winds
+        powers.append(STEP * densities.sum(axis=0))
     return np.array(powers)
 
 
 def gusts(seed: int, interval: float) -> np.ndarray:
     """Return x, y and yaw [m, m, rad] sampled at an interval [s] that divides 2000 s, (n, 3)."""
-    real, imaginary = np.random.default_rng(seed).standard_normal(
-        (2, 3, len(FREQUENCIES))
-    )
+    random = np.random.default_rng(seed)
+    real, imaginary = random.standard_normal((2, 3, len(FREQUENCIES)))
     size = round(1.0 / (STEP * interval))
     spectrum = np.zeros((3, size // 2 + 1), complex)
-    spectrum[:, 8:10_000] = 0.5 * size * np.sqrt(power()) * (real + 1j * imaginary)
+    amplitudes = 0.5 * size * np.sqrt(power())
+    spectrum[:, 8:10_000] = amplitudes * (real + 1j * imaginary)
     return np.fft.irfft(spectrum, size).T
 
 
@@ -76,13 +70,11 @@ def bound(interval: float, noise: float, ahead: float) -> np.ndarray:
     """
     ages = np.arange(round(WINDOW / interval))
     lags = np.concatenate([interval * ages, ahead + interval * ages])
-    at_once, later = np.split(
-        power() @ np.cos(2.0 * np.pi * np.outer(FREQUENCIES, lags)), 2, 1
-    )
-    estimates = at_once[:, np.abs(np.subtract.outer(ages, ages))] + noise**2 * np.eye(
-        len(ages)
-    )
-    explained = (later * np.linalg.solve(estimates, later[..., None])[..., 0]).sum(
-        axis=1
-    )
+    angles = 2.0 * np.pi * np.outer(FREQUENCIES, lags)
+    covariances = power() @ np.cos(angles)
+    at_once, later = np.split(covariances, 2, axis=1)
+    distances = np.abs(np.subtract.outer(ages, ages))
+    estimates = at_once[:, distances] + noise**2 * np.eye(len(ages))
+    weights = np.linalg.solve(estimates, later[..., None])[..., 0]
+    explained = (later * weights).sum(axis=1)
     return np.sqrt(at_once[:, 0] - explained)

@@ -84,8 +84,8 @@ def regular_poses(draw) -> tuple[Geometry, Pose]:
     geometry = draw(st.sampled_from(VARIANTS))
     lower, upper = y_range(geometry)
     y = lower + draw(_fractions) * (upper - lower)
-    pose = Pose(
-        draw(st.floats(-0.5, 0.5)), y, draw(_signed_fractions) * theta_max(geometry, y)
-    )
+    x = draw(st.floats(-0.5, 0.5))
+    theta = draw(_signed_fractions) * theta_max(geometry, y)
+    pose = Pose(x, y, theta)
     assume(local_conditioning_index(geometry, pose) > 0.01)
     return geometry, pose

@@ -72,23 +72,22 @@ class Processes:
         delay the tests beside it.
         """
         environment = {**os.environ, 'PYTHONUNBUFFERED': '1', **popen.pop('env', {})}
-        environment['PYTHONPATH'] = os.pathsep.join(
-            filter(None, (*map(str, PLACES), environment.get('PYTHONPATH')))
-        )
+        places = [str(place) for place in PLACES]
+        if inherited := environment.get('PYTHONPATH'):
+            places.append(inherited)
+        environment['PYTHONPATH'] = os.pathsep.join(places)
         log = self._folder / f'{module}_{len(self._started)}.log'
         with open(log, 'w') as output:
-            process = subprocess.Popen(
-                [sys.executable, '-m', module, *args],
-                env=environment,
-                cwd=self._folder,
-                start_new_session=True,
-                **{
-                    'stdout': output,
-                    'stderr': output,
-                    'preexec_fn': forbid_priority,
-                }
-                | popen,
-            )
+            details = {
+                'stdout': output,
+                'stderr': output,
+                'preexec_fn': forbid_priority,
+                'env': environment,
+                'cwd': self._folder,
+                'start_new_session': True,
+            }
+            command = [sys.executable, '-m', module, *args]
+            process = subprocess.Popen(command, **(details | popen))
         process.log = log
         self._started.append(process)
         return process
@@ -97,13 +96,8 @@ class Processes:
         """End all processes, commanding processes first, and print their output."""
         for process in reversed(self._started):
             end_process(process)
-        print(
-            *(
-                f'--- {process.args}\n{process.log.read_text()}'
-                for process in self._started
-            ),
-            sep='\n',
-        )
+        for process in self._started:
+            print(f'--- {process.args}\n{process.log.read_text()}')
 
 
 def forbid_priority() -> None:

@@ -32,16 +32,12 @@ PERIOD = 0.01  # s, of the bus
 FREE_STEP = (
     2.5e-3  # s, of a world in which nothing touches the wall: bristles need 0.5 ms
 )
+LEFT = DistanceSettings(mounting=(-0.5, 0.0, 0.0))
+RIGHT = DistanceSettings(mounting=(0.5, 0.0, 0.0))
+FIX = FixSettings(mounting=(0.1, 0.0, 0.0), noise=3e-4, place_noise=2e-4, feature=0.1)
 SETUP = EstimatorSetup(
-    distances={
-        name: DistanceSettings(mounting=(place, 0.0, 0.0))
-        for name, place in (('range_1', -0.5), ('range_2', 0.5))
-    },
-    fixes={
-        'fix_x': FixSettings(
-            mounting=(0.1, 0.0, 0.0), noise=3e-4, place_noise=2e-4, feature=0.1
-        )
-    },
+    distances={'range_1': LEFT, 'range_2': RIGHT},
+    fixes={'fix_x': FIX},
     wall=ProfileSettings(distance=0.45),
 )
 GUSTS = Scenario(
@@ -138,8 +134,9 @@ class Run:
         stamps = np.array([motion.stamp for motion in self.motions])
         times = np.array([cycle.now for cycle in self._cycles])
         rails = np.array([cycle.rail for cycle in self._cycles])
-        truth = np.array([np.interp(stamps, times, axis) for axis in rails.T]).T
-        errors = np.array([motion.pose for motion in self.motions]) - truth
+        truth = [np.interp(stamps, times, axis) for axis in rails.T]
+        poses = np.array([motion.pose for motion in self.motions])
+        errors = poses - np.transpose(truth)
         deviations = np.sqrt([np.diag(motion.covariance) for motion in self.motions])
         inside = (stamps >= START + since) & (stamps < START + until)
         scale = np.array((1e3, 1e3, math.degrees(1.0)))
