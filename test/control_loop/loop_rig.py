@@ -13,11 +13,12 @@ from facade_manipulator.kinematics import Geometry
 
 # simulated drives are on a virtual bus in the process of the loop; a busy computer must fail no
 # test of something else
+PATIENT = ControllerSettings(
+    boot_timeout=0.5, hold_cycles=3, max_missed_cycles=10, heartbeat_timeout=0.5
+)
 SETUP = LoopSetup(
     Geometry(),
-    ControllerSettings(
-        boot_timeout=0.5, hold_cycles=3, max_missed_cycles=10, heartbeat_timeout=0.5
-    ),
+    PATIENT,
     DEFAULT_AXES,
     simulate='facade_manipulator.simulation.drives.simulator:start_simulator',
 )

@@ -2,6 +2,7 @@
 
 from collections import defaultdict, deque
 from dataclasses import replace
+from functools import cache
 import math
 
 from bus_world import (
@@ -95,12 +96,9 @@ class LoopRig(Rig):
         settings = replace(SETTINGS, **changes)
         super().__init__(settings, axes)
         self.node = NodeEnd(self)
-        self.loop = ControlLoop(
-            LoopSetup(Geometry(), settings, self.axes),
-            self.node,
-            self.clock,
-            (self.follower, self.controller),
-        )
+        setup = LoopSetup(Geometry(), settings, self.axes)
+        machine = (self.follower, self.controller)
+        self.loop = ControlLoop(setup, self.node, self.clock, machine)
         self._send_state = self.controller.observe
         self.controller.observe = self._send_and_observe
 
@@ -198,25 +196,36 @@ def test_node_hanging_without_power_keeps_the_loop(caplog):
     assert not caplog.text
 
 
+def record_limits(follower):
+    """Return a list of the limits that a follower applies from now on."""
+    applied = []
+    change_limits = follower.change_limits
+
+    def record(limits):
+        change_limits(limits)
+        applied.append(limits)
+
+    follower.change_limits = record
+    return applied
+
+
 def test_invalid_messages_and_requests_keep_the_loop():
     rig = LoopRig()
     limits = MotionLimits(speed=0.1)
     out_of_range = replace(limits)
     object.__setattr__(out_of_range, 'speed', 50.0)
-    for message in (
-        ('nonsense',),
-        ('request', 1, 'nonsense'),
-        ('setpoint', 'x'),
-        ('limits',),
-        ('limits', limits),
-        ('limits', out_of_range),
-        ('forces', 1.0, 2.0, 3.0),  # real drives have none
-        ('request', 3, 'activate'),
-        ('request', 7, 'configure'),
-    ):
-        rig.say(*message)
+    rig.say('nonsense')
+    rig.say('request', 1, 'nonsense')
+    rig.say('setpoint', 'x')
+    rig.say('limits')
+    rig.say('limits', limits)
+    rig.say('limits', out_of_range)
+    rig.say('forces', 1.0, 2.0, 3.0)  # real drives have none
+    rig.say('request', 3, 'activate')
+    rig.say('request', 7, 'configure')
+    applied = record_limits(rig.follower)
     assert not rig.serve(5.0)
-    assert rig.follower._limiter.limits == limits
+    assert applied == [limits]
     failed, answered = rig.node.sent['reply']
     assert failed[:2] == (3, False)
     assert 'not configured' in failed[2]
@@ -224,6 +233,7 @@ def test_invalid_messages_and_requests_keep_the_loop():
     assert 'power: confirmed off' in answered[2]
 
 
+@cache
 def delayed_stream(step):
     """Return commands [m] of a slow stream while the system clock is set by a step [s]."""
     rig = LoopRig()
@@ -236,9 +246,8 @@ def delayed_stream(step):
         if cycle == 50:
             rig.clock.offset += step
         way = SLOW * (rig.clock.now - begin + LEAD)
-        on_their_way.append(
-            (rig.clock.time() + LEAD, tuple(q + way for q in start), (SLOW,) * 3)
-        )
+        position = tuple(q + way for q in start)
+        on_their_way.append((rig.clock.time() + LEAD, position, (SLOW,) * 3))
         if len(on_their_way) > 2:  # cycles from the sender to the loop
             rig.loop._handlers['setpoint'](*on_their_way.popleft())
         rig.cycles(1)

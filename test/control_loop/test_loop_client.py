@@ -20,11 +20,10 @@ from facade_manipulator.errors import DriveError, ManipulatorError, ParameterErr
 from facade_manipulator.motion.follower import StreamStatus
 from facade_manipulator.motion.setpoints import Setpoint
 
-AXES = (
-    snapshots.AxisSnapshot('q1', 1, 0x0027, velocity=-0.2, homed=True),
-    snapshots.AxisSnapshot('q2', 2),
-)
+HOMED = snapshots.AxisSnapshot('q1', 1, 0x0027, velocity=-0.2, homed=True)
+AXES = (HOMED, snapshots.AxisSnapshot('q2', 2))
 STILL = (0.0,) * 3
+MORE_THAN_FIT = 5000  # setpoints in a channel
 RUNS = {
     'wait.side_effect': subprocess.TimeoutExpired('loop', 1.0)
 }  # a process that hangs
@@ -37,13 +36,9 @@ KILLED = [
 
 def state(number=0, kind=ControllerState.INACTIVE):
     """Return the message that a loop sends in a cycle."""
-    return (
-        'state',
-        snapshots.ControllerSnapshot(
-            kind, float(number), AXES, (snapshots.Cause('first', 'wait'),)
-        ),
-        StreamStatus('following', 1),
-    )
+    causes = (snapshots.Cause('first', 'wait'),)
+    snapshot = snapshots.ControllerSnapshot(kind, float(number), AXES, causes)
+    return 'state', snapshot, StreamStatus('following', 1)
 
 
 READY = state()
@@ -155,19 +150,14 @@ def test_loop_ended_by_its_alarm_has_hung():
 
 def test_forbidden_power_reaches_the_next_loop():
     peer = Peer()
-    forbidden = [
-        ('stop', 'send false'),
-        ('stop', ''),
-        ('', ''),
-        ('again', 'send false'),
-    ]
+    last = ('again', 'send false')
+    forbidden = [('stop', 'send false'), ('stop', ''), ('', ''), last]
     for cause, remedy in (forbidden[0], *forbidden):
         peer.node.forbid_power(cause, remedy)
     assert peer.taken() == [('forbid', *one) for one in forbidden]
     peer.node.start()
-    assert [one for one in peer.taken() if one[0] == 'forbid'][-1:] == [
-        ('forbid', *forbidden[-1])
-    ]
+    repeated = [one for one in peer.taken() if one[0] == 'forbid']
+    assert repeated[-1] == ('forbid', *last)
 
 
 def test_changed_limits_reach_the_next_loop():
@@ -177,15 +167,17 @@ def test_changed_limits_reach_the_next_loop():
     peer.taken()
     peer.node.start()
     (_, setup), *rest = peer.taken()
-    newest = [setup.limits, *(one[1] for one in rest if one[0] == 'limits')][-1]
-    assert newest == changed
+    limits = [setup.limits]
+    for kind, *content in rest:
+        if kind == 'limits':
+            limits += content
+    assert limits[-1] == changed
 
 
 def test_full_channel_drops_setpoints_but_not_stops():
     peer = Peer()
-    sent = 0
-    while peer.node._channel.send('setpoint', float(sent), STILL, STILL):
-        sent += 1
+    for number in range(MORE_THAN_FIT):
+        peer.node.send_setpoint(Setpoint(float(number), STILL, STILL))
     peer.node.stop('enough')
     peer.node.forbid_power('no more')
     peer.node.change(limits=SETUP.limits)
@@ -196,7 +188,8 @@ def test_full_channel_drops_setpoints_but_not_stops():
     taken += peer.taken()
     setpoints = [one[1] for one in taken if one[0] == 'setpoint']
     urgent = [one[0] for one in taken if one[0] not in ('setpoint', 'forces')]
-    assert setpoints == [*range(sent), -1.0]
+    assert len(setpoints) < MORE_THAN_FIT
+    assert setpoints == [*range(len(setpoints) - 1), -1.0]
     assert urgent == ['stop', 'forbid', 'limits', 'request']
 
 
