@@ -20,7 +20,7 @@ from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.guard import Unguarded
 from facade_manipulator.drives.homing import METHODS_AT_PRESENT_POSITION
 from facade_manipulator.drives.profile import load_profile
-from facade_manipulator.drives.snapshot import AxisSnapshot
+from facade_manipulator.drives.snapshot import AxisSnapshot, CycleStatistics
 from facade_manipulator.drives.targets import TARGET_ROUNDING
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
@@ -128,6 +128,13 @@ class Motion:
         exchange = self.controller.bus.exchange
         assert exchange is not None  # the bus is open with power on
         return exchange.clock.sync_time
+
+    @property
+    def cycles(self) -> CycleStatistics:
+        """Return the counters of the cycles since `configure`."""
+        exchange = self.controller.bus.exchange
+        assert exchange is not None  # the bus is open with power on
+        return exchange.clock.statistics
 
     def request(self, *names: str) -> str:
         """Send a request to the controller; return its message, or raise its error."""
