@@ -61,13 +61,14 @@ def start_loop():
 
 def request(client, *names):
     """Request one transition after another; return the last answer."""
+
+    def feed():
+        client.feed()
+        time.sleep(FEED_PERIOD)
+
     for name in names:
         job = ask(client, name)
-        wait_until(
-            lambda job=job: client.feed() or job.done(),
-            name,
-            step=lambda: time.sleep(FEED_PERIOD),
-        )
+        wait_until(job.done, name, step=feed)
     return job.result()
 
 
@@ -79,11 +80,9 @@ def test_contradictory_setup_is_rejected(start_loop):
 def test_sigterm_to_the_loop_ends_it_in_order(start_loop):
     client = start_loop()
     request(client, 'configure', 'home', 'activate')
-    for number in (
-        signal.SIGINT,
-        signal.SIGHUP,
-    ):  # a terminal's signals concern only the node
-        os.kill(client.process.pid, number)
+    # a terminal's signals concern only the node
+    os.kill(client.process.pid, signal.SIGINT)
+    os.kill(client.process.pid, signal.SIGHUP)
     with pytest.raises(ManipulatorError, match='cleanup is not possible'):
         request(client, 'cleanup')
     os.kill(client.process.pid, signal.SIGTERM)
@@ -92,16 +91,18 @@ def test_sigterm_to_the_loop_ends_it_in_order(start_loop):
 
 def hanging(method):
     """Return the function that starts a loop of which a method hangs."""
-    return lambda *ends: subprocess.Popen(
-        [sys.executable, '-c', HANGING % method, *loop_arguments(ends)],
-        pass_fds=[end.fileno() for end in ends],
-    )
+
+    def start(*ends):
+        command = [sys.executable, '-c', HANGING % method, *loop_arguments(ends)]
+        return subprocess.Popen(command, pass_fds=[end.fileno() for end in ends])
+
+    return start
 
 
 def test_loop_that_cannot_end_is_ended_by_the_kernel(start_loop):
     client = start_loop(hanging('close'))
     request(client, 'configure')
-    client._channel.close()
+    os.kill(client.process.pid, signal.SIGTERM)
     assert client.process.wait(DEADLINE) == -signal.SIGALRM
 
 

@@ -30,9 +30,8 @@ class LoopbackBus(can.BusABC):
 
     def __init__(self, channel: str, **details: object) -> None:
         self._everybody = EVERYBODY, 20_000 + zlib.crc32(channel.encode()) % 10_000
-        self._receiver, self._sender = (
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)
-        )
+        self._receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self._receiver.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         with suppress(PermissionError):
@@ -57,22 +56,23 @@ class LoopbackBus(can.BusABC):
         return None, False
 
     def _take(self) -> can.Message | None:
-        data, ((_, _, stamp), *_), _, sender = self._receiver.recvmsg(
-            FRAME.size, socket.CMSG_SPACE(STAMP.size)
-        )
+        room = socket.CMSG_SPACE(STAMP.size)
+        data, ancillary, _, sender = self._receiver.recvmsg(FRAME.size, room)
         if sender == self._own_address:
             return None
+        stamp = ancillary[0][2]
         seconds, nanoseconds = STAMP.unpack(stamp)
         cob_id, length, data = FRAME.unpack(data)
-        return can.Message(
-            seconds + 1e-9 * nanoseconds,
-            cob_id & 0x1FFFFFFF,
-            bool(cob_id & EXTENDED),
-            bool(cob_id & REMOTE),
-            bool(cob_id & ERROR),
+        message = can.Message(
+            timestamp=seconds + 1e-9 * nanoseconds,
+            arbitration_id=cob_id & 0x1FFFFFFF,
+            is_remote_frame=bool(cob_id & REMOTE),
             dlc=length,
             data=data[:length],
         )
+        message.is_extended_id = bool(cob_id & EXTENDED)
+        message.is_error_frame = bool(cob_id & ERROR)
+        return message
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame to all other readers."""
@@ -81,10 +81,8 @@ class LoopbackBus(can.BusABC):
             | REMOTE * msg.is_remote_frame
             | ERROR * msg.is_error_frame
         )
-        self._sender.sendto(
-            FRAME.pack(msg.arbitration_id | flags, msg.dlc, bytes(msg.data)),
-            self._everybody,
-        )
+        frame = FRAME.pack(msg.arbitration_id | flags, msg.dlc, bytes(msg.data))
+        self._sender.sendto(frame, self._everybody)
 
     def fileno(self) -> int:
         """Return the file descriptor that becomes readable when a frame arrives."""

@@ -50,11 +50,11 @@ as_driver = promptly(40)
 
 def begun(process: subprocess.Popen, words: str) -> subprocess.Popen:
     """Return a process after words in its log; fail at once, with the log, if it ends."""
-    wait_until(
-        lambda: words in process.log.read_text() or process.poll() is not None,
-        f'"{words}" in {process.log.name}',
-        60.0,
-    )
+
+    def has_begun_or_ended() -> bool:
+        return words in process.log.read_text() or process.poll() is not None
+
+    wait_until(has_begun_or_ended, f'"{words}" in {process.log.name}', 60.0)
     assert process.poll() is None, process.log.read_text()
     return process
 
@@ -94,26 +94,20 @@ class Stack:
             *DRIVER,
             *parameters,
         )
-        begun(
-            self._processes.start(
-                'facade_manipulator.simulation.drives',
-                '--interface',
-                bus.interface,
-                '--channel',
-                bus.channel,
-                preexec_fn=as_drives,
-            ),
-            'nodes 1, 2, 3',
+        drives = self._processes.start(
+            'facade_manipulator.simulation.drives',
+            *('--interface', bus.interface),
+            *('--channel', bus.channel),
+            preexec_fn=as_drives,
         )
-        self._driver = begun(
-            self._processes.start(
-                'facade_manipulator.nodes.driver',
-                '--ros-args',
-                *(word for value in values for word in ('-p', value)),
-                preexec_fn=as_driver,
-            ),
-            'ready',
+        begun(drives, 'nodes 1, 2, 3')
+        words = ['--ros-args']
+        for value in values:
+            words += ['-p', value]
+        driver = self._processes.start(
+            'facade_manipulator.nodes.driver', *words, preexec_fn=as_driver
         )
+        self._driver = begun(driver, 'ready')
         return self._driver
 
     def end(self) -> None:
@@ -137,12 +131,13 @@ def bring_up(client: ManipulatorClient) -> None:
 
 def go_on(client: ManipulatorClient) -> None:
     """Activate after a stop; start from configure if this computer was too busy."""
-    patiently(
-        client.activate,
-        lambda: (come_down(client), client.configure(), client.home()),
-        (RequestRejectedError,),
-        tries=2,
-    )
+
+    def start_again() -> None:
+        come_down(client)
+        client.configure()
+        client.home()
+
+    patiently(client.activate, start_again, (RequestRejectedError,), tries=2)
 
 
 def come_down(client: ManipulatorClient) -> None:
@@ -154,7 +149,8 @@ def come_down(client: ManipulatorClient) -> None:
             ManipulatorError
         ):  # the driver was busy, or has left that state by itself
             state = client.driver_state()
-            ways.get(state, bool)()
+            if state in ways:
+                ways[state]()
             return state == 'unconfigured'
         return False
 
@@ -163,18 +159,19 @@ def come_down(client: ManipulatorClient) -> None:
 
 def make_sure_of_power(client: ManipulatorClient, watcher) -> None:
     """Wait for three enabled drives; power them on again if this computer was too busy."""
-    patiently(
-        lambda: wait_until_enabled(watcher, 2.0),
-        lambda: (come_down(client), bring_up(client)),
-    )
+
+    def start_again() -> None:
+        come_down(client)
+        bring_up(client)
+
+    patiently(lambda: wait_until_enabled(watcher, 2.0), start_again)
 
 
 def wait_until_enabled(watcher, deadline: float = DEADLINE) -> None:
-    wait_until(
-        lambda: (
-            watcher.states() == [State.OPERATION_ENABLED] * 3
-            and watcher.first(0x77F, 0.0)
-        ),
-        'three enabled drives and a heartbeat of their master',
-        deadline,
-    )
+    def is_enabled() -> bool:
+        if watcher.first(0x77F, 0.0) is None:
+            return False
+        return watcher.states() == [State.OPERATION_ENABLED] * 3
+
+    event = 'three enabled drives and a heartbeat of their master'
+    wait_until(is_enabled, event, deadline)

@@ -19,23 +19,25 @@ from facade_manipulator.tools.commissioning.procedure import Overlay
 STOP_TIME = 0.25  # s: the drives miss the heartbeat after 0.15 s
 
 
+def take_terminal():
+    """Make standard input the terminal that controls this process."""
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
 class Jog:
     """Carriage that moves by 150 mm, and the terminal of the process that moves the carriage."""
 
     def __init__(self, start_process, bus, drive) -> None:
         self.drive = drive
         self.master, terminal = os.openpty()
+        words = 'jog q1 150 --speed 20'.split()
         self.process = start_process(
             'facade_manipulator.tools.commissioning',
-            'jog',
-            'q1',
-            '150',
-            '--speed',
-            '20',
+            *words,
             stdin=terminal,
             stdout=terminal,
             stderr=terminal,
-            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+            preexec_fn=take_terminal,
         )
         os.close(terminal)
         self.shown = ''
@@ -57,31 +59,44 @@ class Jog:
 def jog(bus, tmp_path, start_process):
     """Return a function that starts a jog of new drives."""
     overlay = Overlay(tmp_path / 'machine.yaml')
+    results = {
+        'axes.profile': 'simulated',
+        'bus.interface': bus.interface,
+        'bus.channel': bus.channel,
+    }
     for name in AXIS_NAMES:
-        overlay.write(
-            f'direction {name}',
-            {
-                'axes.profile': 'simulated',
-                'bus.interface': bus.interface,
-                'bus.channel': bus.channel,
-            },
-        )
+        overlay.write(f'direction {name}', results)
     drives = make_drives(_parser().parse_args([]))
+
+    def are_off():
+        return {drive.axis.state for drive in drives} == {State.SWITCH_ON_DISABLED}
+
     with DriveSimulator(open_bus(bus), drives):
-        wait_until(
-            lambda: (
-                {drive.axis.state for drive in drives} == {State.SWITCH_ON_DISABLED}
-            ),
-            'boot',
-        )
+        wait_until(are_off, 'boot')
         yield lambda: Jog(start_process, bus, drives[0])
 
 
+def press_ctrl_c(jog):
+    os.write(jog.master, b'\x03')
+
+
+def close_terminal(jog):
+    os.close(jog.master)
+
+
+def kill(jog):
+    jog.process.kill()
+
+
+def freeze(jog):
+    jog.process.send_signal(signal.SIGSTOP)
+
+
 ENDS = {
-    'Ctrl-C': lambda jog: os.write(jog.master, b'\x03'),
-    'closed terminal': lambda jog: os.close(jog.master),
-    'kill': lambda jog: jog.process.kill(),
-    'freeze': lambda jog: jog.process.send_signal(signal.SIGSTOP),
+    'Ctrl-C': press_ctrl_c,
+    'closed terminal': close_terminal,
+    'kill': kill,
+    'freeze': freeze,
 }
 
 

@@ -23,13 +23,13 @@ def test_lost_interface_requires_configuration_and_homing(
     active, driver, watcher, vcan0
 ):
     messages = {}
-    active.node.create_subscription(
-        *DIAGNOSTICS[:2],
-        lambda array: messages.update(
-            (status.name, status.message) for status in array.status
-        ),
-        DIAGNOSTICS.subscription_qos,
-    )
+
+    def store(array):
+        for status in array.status:
+            messages[status.name] = status.message
+
+    qos = DIAGNOSTICS.subscription_qos
+    active.node.create_subscription(DIAGNOSTICS.type, DIAGNOSTICS.name, store, qos)
     make_sure_of_power(active, watcher)
     switch(vcan0, clear_flags, 'down')
     try:

@@ -38,9 +38,10 @@ def enables(data: bytes) -> bool:
     return decode_rpdo1(data).controlword & 0x0F == Controlword.ENABLE_OPERATION
 
 
-def all_of(times) -> list[float] | None:
-    found = list(times)
-    return None if None in found else found
+def first_of_each(watcher, base, since, wanted) -> list[float] | None:
+    """Return the times of the first wanted frame of each node, None until all have come."""
+    times = [watcher.first(base + node, since, wanted) for node in NODES]
+    return None if None in times else times
 
 
 @pytest.mark.driver(
@@ -55,12 +56,11 @@ def test_frozen_loop_stops_drives_and_enables_none_later(
     begin = time.time()
     os.kill(loop, signal.SIGSTOP)
     try:
-        times = wait_until(
-            lambda: all_of(
-                watcher.first(0x080 + node, begin, misses_heartbeat) for node in NODES
-            ),
-            'the drives',
-        )
+
+        def emergencies():
+            return first_of_each(watcher, 0x080, begin, misses_heartbeat)
+
+        times = wait_until(emergencies, 'the drives')
         last = watcher.last(0x77F, min(times))  # heartbeat of the master
         pause = watcher.pause(last, max(times))
         assert HEARTBEAT_TIMEOUT <= max(times) - last <= QUICK_STOP_WITHIN + pause
@@ -74,7 +74,7 @@ def test_frozen_loop_stops_drives_and_enables_none_later(
         thawed = time.time()
         os.kill(loop, signal.SIGCONT)
     active.wait_until(lambda: active.driver_state() == 'inactive', 'inactive', 20.0)
-    assert all_of(watcher.first(0x200 + node, thawed, stops) for node in NODES)
+    assert first_of_each(watcher, 0x200, thawed, stops)
     assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [
         None
     ] * 3
@@ -89,10 +89,7 @@ def test_loop_of_a_killed_node_ramps_down(active, driver, watcher):
     (loop,) = children(driver.pid)
     begin = time.time()
     os.kill(driver.pid, signal.SIGKILL)
-    off = wait_until(
-        lambda: all_of(watcher.first(0x180 + node, begin, is_off) for node in NODES),
-        'power off',
-    )
+    off = wait_until(lambda: first_of_each(watcher, 0x180, begin, is_off), 'power off')
     assert max(off) - begin <= RAMP_WITHIN + watcher.pause(begin, max(off))
     assert [watcher.first(0x200 + node, begin, stops) for node in NODES] == [None] * 3
     assert [watcher.first(0x080 + node, begin) for node in NODES] == [None] * 3

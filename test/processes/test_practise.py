@@ -22,10 +22,11 @@ COMMISSION = 'ros2 run facade_manipulator commission'
 SIMULATOR = 'ros2 run facade_manipulator drive_simulator'
 PARKED = {'q1': -100.0, 'q2': 100.0, 'q3': -30.0}  # mm
 # options by command that save half a minute
+QUICK_MOTION = ['--speed', '50']
 FASTER = {
     'assign': ['--lss-timeout', '0.03'],
-    'jog': ['--speed', '50'],
-    'lead': ['--speed', '50'],
+    'jog': QUICK_MOTION,
+    'lead': QUICK_MOTION,
 }
 COMMAND_LIMIT = 180.0  # s, of a command with its repetitions on a busy computer
 SERIALS = {'4711': 'q1', '4712': 'q2', '4713': 'q3'}
@@ -113,10 +114,11 @@ class Practice:
 
     def _start_drives(self, words: list[str]) -> None:
         bus = self._bus
+        bus_words = ('--interface', bus.interface, '--channel', bus.channel)
         self._drives = self._start_process(
             'facade_manipulator.simulation.drives',
             *words,
-            *('--interface', bus.interface, '--channel', bus.channel),
+            *bus_words,
             stdin=subprocess.PIPE,
         )
         shown = begun(self._drives, 'ruler').log.read_text()
@@ -144,9 +146,8 @@ class Practice:
         before = self._place(axis)
         answers, keyboard = os.pipe()
         screen, output = os.pipe()
-        process = get_context('fork').Process(
-            target=run_command, args=(words, answers, output, self._folder)
-        )
+        details = (words, answers, output, self._folder)
+        process = get_context('fork').Process(target=run_command, args=details)
         process.start()
         os.close(answers)
         os.close(output)

@@ -1,5 +1,6 @@
 """Stack on a SocketCAN bus, each part in a separate process, with a listener on the bus."""
 
+from itertools import pairwise
 import os
 import struct
 import time
@@ -36,9 +37,8 @@ def sync_period(watcher, meanwhile=lambda: time.sleep(0.005)):
         lambda: len(watcher.of(cob_ids.SYNC)) >= 50, '50 SYNC frames', step=meanwhile
     )
     stamps = [frame.timestamp for frame in watcher.of(cob_ids.SYNC)]
-    steps = sorted(
-        after - before for before, after in zip(stamps, stamps[1:], strict=False)
-    )
+    steps = [after - before for before, after in pairwise(stamps)]
+    steps.sort()
     return steps[len(steps) // 4]  # a busy machine delays a timer but never hurries it
 
 
@@ -51,9 +51,8 @@ def test_targets_on_the_bus_follow_a_goal(active, watcher, start_process):
     )
 
     goal = Pose(0.06, 0.26, 0.05)
-    targets = [
-        AxisSettings().to_counts(q) for q in inverse_kinematics(Geometry(), goal)
-    ]
+    carriages = inverse_kinematics(Geometry(), goal)
+    targets = [AxisSettings().to_counts(q) for q in carriages]
 
     def commanded(node, count=0):  # the newest samples of this number, or all
         return [
@@ -64,21 +63,16 @@ def test_targets_on_the_bus_follow_a_goal(active, watcher, start_process):
     def arrived():
         active.send_goal(goal)
         time.sleep(0.2)
-        newest = [commanded(node, 1) for node in NODES]
-        return all(
-            found and abs(found[0] - target) <= 50
-            for found, target in zip(newest, targets, strict=True)
-        )
+        for node, target in zip(NODES, targets, strict=True):
+            newest = commanded(node, 1)
+            if not newest or abs(newest[0] - target) > 50:
+                return False
+        return True
 
     def follow():
-        manipulators.append(
-            start_process(
-                'facade_manipulator.nodes.manipulator',
-                '--ros-args',
-                '-p',
-                'horizon:=0.2',
-            )
-        )
+        words = '--ros-args -p horizon:=0.2'.split()
+        manipulator = start_process('facade_manipulator.nodes.manipulator', *words)
+        manipulators.append(manipulator)
         active.wait_until(lambda: heads, 'end_effector_pose', 30.0)
         wait_until(arrived, '607A of the goal', 30.0)
 
@@ -89,16 +83,12 @@ def test_targets_on_the_bus_follow_a_goal(active, watcher, start_process):
         (NoAnswerError, pytest.fail.Exception),
     )
     steps = commanded(1)
-    largest = max(abs(b - a) for a, b in zip(steps, steps[1:], strict=False))
+    largest = max(abs(after - before) for before, after in pairwise(steps))
     assert AxisSettings().to_metres(largest) <= 0.5 * PERIOD
-    active.wait_until(  # the drives follow their targets a few cycles later
-        lambda: (
-            max(
-                abs(a - b)
-                for a, b in zip(planar_pose(heads[-1].pose, 'head'), goal, strict=True)
-            )
-            < 1e-3
-        ),
-        'the head at the goal',
-        20.0,
-    )
+
+    def is_at_goal():
+        head = planar_pose(heads[-1].pose, 'head')
+        return head == pytest.approx(goal, rel=0.0, abs=1e-3)
+
+    # the drives follow their targets a few cycles later
+    active.wait_until(is_at_goal, 'the head at the goal', 20.0)

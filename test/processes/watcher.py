@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import pairwise
 import socket
 import time
 
@@ -29,27 +30,22 @@ class Watcher:
         if bus.interface == 'socketcan':
             with suppress(PermissionError):  # keep more than some 250 frames
                 self._bus.socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 8 << 20)
-        self._bus.set_filters(
-            [  # few enough frames for a virtual machine to read in time
-                {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False}
-                for cob_id in (
-                    0x080,
-                    0x77F,
-                    PULSE,
-                    *(
-                        base + node
-                        for base in (0x080, 0x180, 0x200, 0x580)
-                        for node in NODES
-                    ),
-                )
-            ]
-        )
+        wanted = [
+            0x080,
+            0x77F,
+            PULSE,
+        ]  # few enough for a virtual machine to read in time
+        for node in NODES:
+            wanted += [0x080 + node, 0x180 + node, 0x200 + node, 0x580 + node]
+        filters = []
+        for cob_id in wanted:
+            filters.append({'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False})
+        self._bus.set_filters(filters)
         self._pulse = can.Bus(
             interface=bus.interface, channel=bus.channel, ignore_config=True
         )
-        self._pulse.send_periodic(
-            can.Message(arbitration_id=PULSE, is_extended_id=False), PULSE_PERIOD
-        )
+        pulse = can.Message(arbitration_id=PULSE, is_extended_id=False)
+        self._pulse.send_periodic(pulse, PULSE_PERIOD)
         self._frames: dict[int, list[can.Message]] = defaultdict(list)
 
     def read(self) -> None:
@@ -76,9 +72,8 @@ class Watcher:
 
     def send(self, cob_id: int, data: bytes) -> None:
         """Send a frame, which this listener does not receive itself."""
-        self._bus.send(
-            can.Message(arbitration_id=cob_id, data=data, is_extended_id=False)
-        )
+        message = can.Message(arbitration_id=cob_id, data=data, is_extended_id=False)
+        self._bus.send(message)
 
     def first(
         self,
@@ -87,20 +82,15 @@ class Watcher:
         wanted: Callable[[bytes], bool] = lambda data: True,
     ) -> float | None:
         """Return the time of the first frame of a COB-ID after a time [s], None without one."""
-        return next(
-            (
-                frame.timestamp
-                for frame in self.of(cob_id)
-                if frame.timestamp >= since and wanted(bytes(frame.data))
-            ),
-            None,
-        )
+        for frame in self.of(cob_id):
+            if frame.timestamp >= since and wanted(bytes(frame.data)):
+                return frame.timestamp
+        return None
 
     def last(self, cob_id: int, until: float) -> float:
         """Return the time of the last frame of a COB-ID before a time [s]."""
-        return max(
-            frame.timestamp for frame in self.of(cob_id) if frame.timestamp <= until
-        )
+        times = [frame.timestamp for frame in self.of(cob_id)]
+        return max(time for time in times if time <= until)
 
     def pause(self, begin: float, end: float) -> float:
         """Return the duration for which this machine as a whole was paused [s]."""
@@ -108,20 +98,20 @@ class Watcher:
         for frame in self.of(PULSE):
             if begin - PULSE_PERIOD <= frame.timestamp <= end + PULSE_PERIOD:
                 pulses.append(frame.timestamp)
-        steps = [
-            after - before for before, after in zip(pulses, pulses[1:], strict=False)
-        ]
+        steps = [after - before for before, after in pairwise(pulses)]
         return max(steps) - PULSE_PERIOD
 
     def states(self) -> list[State | None]:
         """Return the states of the drives by their newest TPDO1."""
-        newest = [self.of(TPDO1.cob_id(node))[-1:] for node in NODES]
-        return [
-            decode_state(decode_tpdo1(bytes(found[0].data)).statusword)
-            if found
-            else None
-            for found in newest
-        ]
+        return [self._state(node) for node in NODES]
+
+    def _state(self, node: int) -> State | None:
+        """Return the state of a drive by its newest TPDO1, None without one."""
+        frames = self.of(TPDO1.cob_id(node))
+        if not frames:
+            return None
+        newest = decode_tpdo1(bytes(frames[-1].data))
+        return decode_state(newest.statusword)
 
     def close(self) -> None:
         """Close the bus."""
