@@ -143,13 +143,23 @@ def test_drive_without_an_answer_after_the_silence_is_rejected(
     assert '! q1: silent master: the drive does not answer for its statusword' in said
 
 
+LATE_CYCLES = (
+    r'quick stop: \d+ of \d+ cycles were late or lacked an answer.*; next: end other'
+)
+
+
 def test_late_cycles_of_a_stop_are_reported(rig, monkeypatch, capsys):
     monkeypatch.setattr('fake_bus.ON_THE_WIRE', 1e-3)
-    rig.run('stop-test')
-    said = capsys.readouterr().out
-    assert re.search(
-        r'quick stop: \d+ of \d+ cycles were late or lacked an answer', said
-    )
+    assert rig.run('stop-test') == 0
+    assert re.search(LATE_CYCLES, capsys.readouterr().out)
+
+
+def test_late_cycles_are_the_first_problem_of_a_failed_stop(rig, monkeypatch, capsys):
+    monkeypatch.setattr('fake_bus.ON_THE_WIRE', 1e-3)
+    decelerates(0.5)(rig.drives[0])
+    assert rig.run('stop-test') == 1
+    first = re.search(r'^! (.*)', capsys.readouterr().err, re.MULTILINE)[1]
+    assert re.match(LATE_CYCLES, first)
 
 
 def test_stop_test_asks_only_once(rig):
