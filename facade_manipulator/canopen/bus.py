@@ -37,7 +37,7 @@ class BusCongestedError(BusError):
 
 
 class _SentMessage(can.Message):
-    """Message that its sender never changes, so the virtual bus need not copy it (10 us)."""
+    """Message that its sender never changes; the virtual bus saves a copy of 10 us."""
 
     __slots__ = ()
 
@@ -60,13 +60,13 @@ def open_bus(settings: BusSettings) -> can.BusABC:
     """
     Return the opened CAN interface.
 
-    Raises a BusError if it is missing, down, bus-off, runs at another bit rate or cannot be
-    opened; the message names the next step.
+    Raises a BusError if the interface is missing, down or bus-off, runs at another bit rate or
+    cannot be opened. The message names the next step.
     """
     if settings.interface == 'socketcan':
         check_link(settings.channel, settings.bitrate)
     try:
-        return can.Bus(  # a user's can.conf could make it receive its own frames
+        return can.Bus(  # a user's can.conf could make a bus receive its own frames
             interface=settings.interface,
             channel=settings.channel,
             bitrate=settings.bitrate,
@@ -87,7 +87,7 @@ def open_bus(settings: BusSettings) -> can.BusABC:
 class CanBus:
     """Owner of a python-can bus, which sends and receives frames; only one thread may send."""
 
-    MAXIMUM_STAMP_AGE = 10.0  # s: an older stamp comes from another clock
+    MAXIMUM_STAMP_AGE = 10.0  # s; an older stamp comes from another clock
     NO_KERNEL_SYNC = (
         'the control loop sends SYNC, because the kernel has no CAN broadcast manager; next: '
         'sudo modprobe can-bcm, then cleanup and configure, for less jitter'
@@ -189,10 +189,10 @@ class CanBus:
         """
         Send a standard data frame without waiting.
 
-        `sampled` is the time at which its content was measured [s, monotonic], by default now.
-        Only simulated drives have another time: a virtual bus carries it as the stamp of the
-        frame, and other interfaces ignore it. Raises a BusCongestedError if the interface's queue
-        is full, a BusError if it is down or gone.
+        `sampled` is the time at which the content of the frame was measured [s, monotonic], by
+        default now. Only simulated drives pass another time. A virtual bus carries this time as
+        the stamp of the frame; other interfaces ignore it. Raises a BusCongestedError if the
+        interface's queue is full, a BusError if the interface is down or gone.
         """
         age = 0.0 if sampled is None else time.monotonic() - sampled
         message = _SentMessage(
@@ -206,7 +206,7 @@ class CanBus:
 
     def command(self, name: str, node_id: int) -> None:
         """
-        Send a network management command to a node, or to all with 0; raises as `send`.
+        Send a network management command to a node; node 0 addresses all. Raises as `send`.
 
         The library names a command after the state that follows, such as ``'OPERATIONAL'``.
         """
@@ -236,7 +236,7 @@ class CanBus:
             self._bus.shutdown()
 
     def _note_error(self, error_class: int, bits: int) -> None:
-        """Record the controller state in an error frame; raise a BusError if it is bus-off."""
+        """Record the controller state in an error frame; raise a BusError for bus-off."""
         noted = self.statistics
         noted.error_frames += 1
         if error_class & self._BUS_OFF:

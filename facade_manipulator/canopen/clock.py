@@ -26,9 +26,11 @@ class SteadyTime:
     have equal times unless the clock was set between them.
     """
 
-    # s, change of the difference of both clocks that counts: less is the time between two readings
+    # s, minimum change of the offset that counts; a smaller change is the time between two
+    # readings
     OFFSET_TOLERANCE = 2e-4
-    # the shortest is used: the thread may be displaced during a reading
+    # the reading of shortest duration is used, because the thread may be preempted during a
+    # reading
     OFFSET_READINGS = 5
 
     def __init__(self, clock: Clock) -> None:

@@ -52,7 +52,7 @@ def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
         dictionary = eds.import_eds(_normalised(text), node_id)
         if not dictionary:
             raise ValueError('it contains no objects')
-    except Exception as error:  # the library raises any error for a maker's file
+    except Exception as error:  # the library may raise any exception
         reason = ' '.join(str(error).split())
         raise ParameterError(
             f'{path} is not a readable EDS or DCF: {reason}; next: correct the '

@@ -23,11 +23,11 @@ ERROR_CODE_LENGTH = 2  # bytes; an emergency message begins with its error code
 class Fault(NamedTuple):
     """Meaning of an error code; all three drives stop unless the code is a warning."""
 
-    message: str  #: description; that of a received fault ends with the code
+    message: str  #: description; for a received fault it ends with the error code
     #: action of the operator before the next clear_faults
     remedy: str = 'look up the error code in the manual of the drive'
-    #: whether the position of the drive can no longer be trusted: all drives lose power, and
-    #: its axis must home again
+    #: whether the position of the drive is no longer valid; all drives then lose power, and the
+    #: axis of this drive must home again
     loses_position: bool = False
     is_warning: bool = False  #: a warning of the maker, which does not stop the drives
 

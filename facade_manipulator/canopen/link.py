@@ -37,7 +37,7 @@ class BusSettings:
     )
 
     def missing(self) -> str:
-        """Return why the bus cannot be opened yet, as during start-up; ``''`` if it can."""
+        """Return why the bus cannot be opened yet, for example during start-up; else ``''``."""
         if self.interface != 'socketcan' or is_up(self.channel):
             return ''
         return f'the CAN interface {self.channel} is missing or down'

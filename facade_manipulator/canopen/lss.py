@@ -1,8 +1,8 @@
 """
 Layer setting services (LSS): assign node ids to drives identified by their 1018h entries.
 
-The library implements the requests of a master. `LssTransport` sends them and receives the
-answers, of which several slaves send one each. `LssSlave` is the counterpart in a simulated drive.
+The library implements the requests of a master. `LssTransport` sends the requests and receives the
+answers; several slaves may answer one request. `LssSlave` is the counterpart in a simulated drive.
 
 References
 ----------
@@ -59,13 +59,14 @@ class LssTransport:
 
     An answer to fastscan does not repeat its question, and several slaves answer at different
     times. Therefore the transport listens after an answer for as long as the slowest slave has
-    needed. It asks again after silence, because a slave may have been slow for once.
+    needed. The transport repeats a question after silence, because a slave may have answered late
+    once.
     """
 
     STORING_TIME = 3.0  # s; CiA 305 has no limit; drives needed more than 0.3 s
     _CONFIRMING_TIME = 0.5  # s, for the answer to a command that is not part of a scan
     _SCAN_ATTEMPTS = 2  # questions of fastscan before silence is an answer
-    _LATENCY_MARGIN = 1.5  # of the slowest answer, for which late answers are awaited
+    _LATENCY_MARGIN = 1.5  # times the slowest answer: wait for late answers
     # command specifiers of the answers that differ from those of the requests
     _ANSWERS = {
         lss.CS_FAST_SCAN: lss.CS_IDENTIFY_SLAVE,
@@ -138,7 +139,7 @@ def lss_master(bus: WaitingBus, timeout: float) -> LssMaster:
     The timeout limits the wait for the answer to each request.
     """
     master = LssMaster()
-    master.RESPONSE_TIMEOUT = 0.0  # the answer is there by then
+    master.RESPONSE_TIMEOUT = 0.0  # the answer has arrived by then
     master.network = LssTransport(bus, master, timeout)  # type: ignore[assignment]
     return master
 
@@ -176,7 +177,7 @@ def set_node_id(
     """
     Set the node id of one slave; of all slaves if the slave is None.
 
-    Raises the library's LssError if a slave does not take or store it.
+    Raises the library's LssError if a slave does not accept or store the node id.
     """
     if slave is None:
         master.send_switch_state_global(LssMaster.CONFIGURATION_STATE)
@@ -204,7 +205,7 @@ class LssSlave:
         lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID,
         lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER + 1,
     )
-    # values of the bit of a fastscan besides the number of a bit
+    # values of a fastscan's field for the bit that are not the number of a bit
     _FULL_CHECK = 0
     _RESET_SCAN = 0x80
 

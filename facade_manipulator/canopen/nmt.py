@@ -1,7 +1,8 @@
 """
 Network management: commands, boot-up message, and the heartbeat that drives monitor.
 
-The library names a state and the command that leads to it alike, such as ``'OPERATIONAL'``.
+The library uses one name, such as ``'OPERATIONAL'``, for a state and for the command that leads to
+this state.
 
 References
 ----------

@@ -74,9 +74,9 @@ class Pdo:
 
         A drive sends a TPDO at every n-th SYNC; an RPDO always has 1 and applies at the next SYNC.
         TPDOs with an object of `STATUS_OBJECTS` also have 1: each of them is an answer to a SYNC.
-        TPDOs with an object of `MOTION_OBJECTS` have 1 up to 200 Hz, and are sent at most at 50 Hz
-        above: the bus has no room for all. The others, such as error code and torque, are sent at
-        most at 10 Hz.
+        TPDOs with an object of `MOTION_OBJECTS` have 1 up to a SYNC rate of 200 Hz. Above 200 Hz
+        they are sent at most at 50 Hz, because the bus has no room for all TPDOs. Other TPDOs,
+        such as those with error code and torque, are sent at most at 10 Hz.
         """
         if not self.is_transmitted or not STATUS_OBJECTS.isdisjoint(self.indices):
             return 1
@@ -93,8 +93,8 @@ class Pdo:
         """
         Return the write that disables the PDO.
 
-        A drive without the PDO is accepted, a drive that rejects the write is not. Only the bit
-        that disables the PDO is read back: the drive may keep another COB-ID.
+        A drive may lack the PDO, but must not reject the write. Only the bit that disables the PDO
+        is read back: the drive may keep another COB-ID.
         """
         entry = self._cob_id_entry(node_id) | cob_ids.NOT_VALID
         return Write(
@@ -111,7 +111,7 @@ class Pdo:
         Return the writes that configure the PDO, in the order prescribed by CiA 301.
 
         The order is: disable, count 0, entries, count, transmission type at a rate of SYNC [Hz],
-        enable. The first two are not read back, because later writes replace them.
+        enable. The first two writes are not read back, because later writes replace them.
         """
         communication = self.communication_index
         mapping = communication + MAPPING_OFFSET

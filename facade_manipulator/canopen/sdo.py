@@ -2,8 +2,8 @@
 SDO client (CiA 301) on a `CanBus` as generator steps: the client never waits by itself.
 
 `SdoChannel.read` and `SdoChannel.write` are generators. Each sends a request and yields until
-`SdoChannel.receive` has the answer, or until the time of the answer is over. The owner of the bus
-passes on the answers. It resumes the generator after each answer, and often enough for the
+`SdoChannel.receive` has the answer, or until the answer times out. The owner of the bus passes on
+the answers. The owner resumes the generator after each answer, and often enough to detect
 time-outs.
 
 References
@@ -64,7 +64,7 @@ class Write(NamedTuple):
     #: bytes; None for the size in the drive's object dictionary
     size: int | None = None
     required: bool = True  #: whether a drive without the object is rejected
-    #: mask of the bits that must be read back as written; 0: it is not read back
+    #: mask of the bits that must be read back as written; 0: the object is not read back
     read_back: int = ALL_BITS
 
     def __str__(self) -> str:
@@ -146,7 +146,7 @@ class SdoAbortError(DriveObjectError):
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
-        #: whether the drive does not have the object
+        #: whether the drive lacks the object
         self.is_absent = code in self.NO_SUCH_OBJECT
 
 
@@ -176,7 +176,7 @@ class _Transfer:
         )
 
     def receive(self, data: bytes) -> None:
-        """Store the first answer to a request and ignore others: a faulty drive may send many."""
+        """Store the first answer to a request; ignore the many that a faulty drive may send."""
         answer = complete_answer(data, self.size or 4)
         if answer is None:
             if self.expected.startswith(data[1:4]):
@@ -193,11 +193,11 @@ def _dictionary(eds: Path, node_id: int) -> ObjectDictionary:
 
 class SdoChannel:
     """
-    Access to the objects of one drive, whose name, such as ``'q2'``, is shown to the operator.
+    Access to the objects of one drive; its name, such as ``'q2'``, is shown to the operator.
 
-    The EDS is the object dictionary of the drive type, which contains the sizes. One transfer
-    runs at a time. It may be closed before its end: the next transfer ignores the answers for
-    other objects.
+    The EDS is the object dictionary of the drive type, with the size of each object. One transfer
+    runs at a time. A transfer may be closed before its end, because the next transfer ignores
+    answers for other objects.
     """
 
     def __init__(

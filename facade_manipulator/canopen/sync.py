@@ -17,7 +17,7 @@ PRODUCER = 1 << 30  # bit of 1005h: the node sends SYNC with the period 1006h [u
 
 
 class SyncProducer:
-    """SYNC that a drive sends itself; only this master should send it."""
+    """SYNC that a drive sends itself; only this master should send SYNC."""
 
     def __init__(self) -> None:
         self.is_found = (
