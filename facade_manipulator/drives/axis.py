@@ -1,11 +1,11 @@
 """
 Axis: one carriage with its drive.
 
-All that this driver knows of a drive and sends to it is part of its `Axis`. Each part owns what
-happens to it:
+The `Axis` of a drive contains all that this driver knows of the drive, and all that it sends to
+the drive. The parts of an `Axis` are:
 
     received    feedback (process data), encoder (position), answers (to SYNC), node (NMT state),
-                silence (what is missing), errors
+                silence (missing frames), errors
     sent        output (command and target), sdo (objects)
     both        homing
 
@@ -48,8 +48,8 @@ class Axis:
     """
     One axis. The controller replaces this object when it closes the bus.
 
-    The operator reads its name. `settings` contain the units and the identity of the drive's
-    profile. Raises a ParameterError if the profile contradicts the settings.
+    The name of the axis is shown to the operator. `settings` contain the units and the identity of
+    the drive's profile. Raises a ParameterError if the profile contradicts the settings.
     """
 
     ENCODER_REMEDY = (
@@ -72,7 +72,7 @@ class Axis:
         self.node = NodeMonitor(name, self.title, self.encoder)
         self.silence = Silence(name, self.title, self.answers, self.node, controller)
         self.errors = DriveErrors(name, self.title, profile.errors, self.encoder)
-        self.homing: Homing | None = None  #: in progress, or the last; None before
+        self.homing: Homing | None = None  #: present or last homing; None before it
         self.output = Output(settings.node_id, profile)
         self.sdo = SdoAccess(self.title, settings, profile, self.node, controller)
 
@@ -85,7 +85,7 @@ class Axis:
         """Use the objects of the drive on a bus; `serials` maps serial numbers to axis names."""
         self.sdo.connect(bus, self.name, clock, serials)
 
-    # --- what happens to the drive
+    # --- events of the drive
 
     def expect_boot_up(self) -> None:
         """Prepare for a reset: clear all errors and the number of boot-up messages."""
@@ -105,7 +105,7 @@ class Axis:
         self.answers.restart()
 
     def begin_homing(self, period: float) -> None:
-        """Begin to home with a cycle period [s]."""
+        """Begin homing; `period` is the period of a cycle [s]."""
         needs_bit_10 = not self.profile.quirks.homes_without_bit_10
         self.homing = Homing(self.name, self.settings, period, needs_bit_10)
         self.encoder.begin_homing()
@@ -178,8 +178,8 @@ class Axis:
         """
         Update answers and feedback at the end of the cycle that began with a SYNC.
 
-        `may_rest` is False only while the targets of a ramp to rest still move: carriages that
-        reverse rest for a moment.
+        `may_rest` is False only while the targets of a ramp to rest still move, because reversing
+        carriages rest for a moment.
         """
         self.answers.end_cycle(sync_time)
         self.feedback.end_cycle(self.encoder, may_rest)

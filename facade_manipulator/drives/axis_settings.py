@@ -139,7 +139,7 @@ class AxisSettings:
     velocity_unit: str = 'counts_per_second'  # key of VELOCITY_UNITS
     acceleration_unit: str = ''  # key of VELOCITY_UNITS, per second; '': velocity_unit
 
-    # fixed: the mechanism defines the stroke; only tests change the rest
+    # fixed: the mechanism defines the stroke; only tests change the other settings
     limit_margin: float = 0.005  # m, from the stroke to the drive's own position limits
     lower_limit: float = -0.5  # m
     upper_limit: float = 0.5  # m
@@ -148,7 +148,7 @@ class AxisSettings:
     )
     homing_acceleration: float = 0.5  # m/s^2
     homing_zero_share: float = 0.2  # of homing_speed, away from the switch or hard stop
-    homing_strokes: float = 3.0  # that a carriage may take to home, at homing_speed
+    homing_strokes: float = 3.0  # maximum travel to home, at homing_speed
 
     def __post_init__(self) -> None:
         if self.direction == 0:
@@ -190,7 +190,7 @@ class AxisSettings:
         """
         Return the SI value of one drive unit for each measured quantity.
 
-        All four have the sign of `direction`.
+        All four values have the sign of `direction`.
         """
         metres = 1.0 / self.counts_per_metre
         turns_per_metre = self.direction * self.gear_ratio / self.lead
@@ -241,7 +241,7 @@ def read_axes(
     Return the settings of the three axes; all carriages have the same stroke [m].
 
     `read` is the method of a `ParameterSource`. The group ``axes`` contains the settings that all
-    axes share, the groups ``q1`` to ``q3`` have those in `OF_ONE_AXIS`.
+    axes share, the groups ``q1`` to ``q3`` contain those in `OF_ONE_AXIS`.
     """
     shared = set(parameter_fields(AxisSettings)) - OF_ONE_AXIS
     common = read(AxisSettings, prefix='axes', only=shared)

@@ -1,8 +1,8 @@
 """
 Configuration of a drive: check its identity, write its objects and read them back.
 
-A rejected write counts only if the value read back differs, because the object may be constant
-and correct. A mismatch rejects the drive, and the message names all objects that differ.
+A rejected write is an error only if the value read back differs, because the object may be
+constant and correct. A mismatch rejects the drive, and the message names all objects that differ.
 An optional object that the drive does not have is skipped. The functions that use objects are
 generators, which yield while they wait for the drive.
 
@@ -56,7 +56,7 @@ def drive_writes(
     """
     Return the writes that configure a drive: the objects of its profile, then the PDO map.
 
-    Unused PDOs are disabled. Raises a ParameterError if the drive type does not know the axis's
+    Unused PDOs are disabled. Raises a ParameterError if the drive type does not support the axis's
     homing method.
     """
     if axis.homing_method not in profile.homing_methods:
@@ -155,7 +155,7 @@ def check(drive: SdoChannel, writes: list[Write]) -> Steps[Comparison]:
 
 def _encoded(drive: SdoChannel, write: Write) -> Steps[bytes]:
     """Return the data bytes of a write; raise a DriveObjectError if the value does not fit."""
-    # the size is that of the map or the EDS, else that of the answer of the drive
+    # the PDO map or the EDS defines the size, or else the answer of the drive
     size = write.size or drive.size(write.index, write.subindex)
     if not size:
         size = len((yield from drive.read(write.index, write.subindex)))
@@ -267,10 +267,10 @@ def check_identity(
     drive: SdoChannel, axis: AxisSettings, serials: dict[int, str]
 ) -> Steps[int | None]:
     """
-    Check the identity of a drive; return its serial number, None for a drive without one.
+    Check the identity of a drive; return its serial number, None if the drive has none.
 
-    A configured 0 accepts any number. `serials` maps configured serial numbers to axes, which
-    distinguishes swapped axes from a replaced drive. Raises a DriveObjectError that names the
+    A configured 0 accepts any number. `serials` maps configured serial numbers to axes, to
+    distinguish swapped axes from a replaced drive. Raises a DriveObjectError that names the
     difference.
     """
     where = drive.title

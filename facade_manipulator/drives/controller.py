@@ -1,9 +1,9 @@
 """
 Drive controller: owns the three axes and the bus, and executes the operator's requests.
 
-One thread uses it: it waits for frames until the step of a cycle is due, and then does the step.
-A request, one of `REQUESTS`, begins at once; its reply is a message for the operator, or an error
-with one.
+One thread uses the controller. The thread waits for frames until the step of a cycle is due, and
+then executes the step. A request, one of `REQUESTS`, begins at once. Its reply is a message for
+the operator, or an error with such a message.
 """
 
 from __future__ import annotations
@@ -67,13 +67,13 @@ class DriveController:
     """
     Controller of three drives on one CAN bus, used by a single thread.
 
-    It owns the axes q1, q2, q3 with their group and targets, the bus, and the request in progress.
-    Axes, group and targets are new after each closing of the bus. `request`, `stop` and
-    `forbid_power` act before they return. The owner ends with the request `close`; without it the
-    drives stop because the master's heartbeat is missing. Raises a ParameterError if settings
-    contradict each other or a drive profile is missing.
+    The controller owns the axes q1, q2, q3 with their group and targets, the bus, and the request
+    in progress. Axes, group and targets are replaced after each closing of the bus. `request`,
+    `stop` and `forbid_power` act before they return. The owner ends with the request `close`.
+    Without this request, the drives stop because the master's heartbeat is missing. Raises a
+    ParameterError if settings contradict each other or a drive profile is missing.
 
-    Each `configure` opens a new bus with `open_bus`. `source` is asked for targets
+    Each `configure` opens a new bus with `open_bus`. `source` supplies the targets
     (`TargetSupervisor.source`), and `guard` checks them.
     """
 
@@ -87,10 +87,10 @@ class DriveController:
         clock: Clock | None = None,
     ) -> None:
         longest_stop = max(axis.stop_time for axis in axes)
-        self.settings = replace(  # a step may be to stop
+        self.settings = replace(  # a step may be a stop
             settings, step_timeout=settings.step_timeout + longest_stop
         )
-        emcy.read_faults()  # a first fault must not wait for the table
+        emcy.read_faults()  # the first fault must not wait for this table
         self.clock = clock or Clock()
         self.bus = DriveBus(open_bus, self.settings, self.clock)
         self._use(make_axes(axes, self.settings), source, guard)
@@ -155,7 +155,7 @@ class DriveController:
         """
         Quick-stop all axes at once; they stay stopped until clear_faults.
 
-        There is no effect before the cycle has started, when no drive has power.
+        The method has no effect before the cycle has started, because no drive has power then.
         """
         self._accept(partial(self._stop_for, Cause(cause)))
 
@@ -169,7 +169,7 @@ class DriveController:
         self._accept(partial(self._forbid_power, ForbiddenPower(cause, remedy)))
 
     def _accept(self, act: Callable[[], None]) -> None:
-        """Process an input; if it stops the drives, the running request fails before the next."""
+        """Process an input; if it stops the drives, the running request fails at once."""
 
         def handle() -> None:
             act()
@@ -189,13 +189,14 @@ class DriveController:
         """
         Handle frames until the cycle step is due, for at most 20 ms; never raise.
 
-        Without a bus it returns at once, and before the start of the cycle after each frame.
+        The method returns at once without a bus, and after each frame before the start of the
+        cycle.
         """
         exchange = self.bus.exchange
         if exchange is None:
             return
         if not self._attempt(exchange.wait):
-            self.clock.sleep(self.settings.period)  # a lasting error takes no CPU
+            self.clock.sleep(self.settings.period)  # a lasting error uses no CPU
 
     def step(self) -> None:
         """Execute the cycle step if it is due, and resume the request; never raise."""
@@ -328,7 +329,7 @@ class DriveController:
         """
         Raise a DriveStateError if power is forbidden.
 
-        It is also raised if a drive would continue to move if this master were silent.
+        The error is also raised if a drive would continue to move after this master falls silent.
         """
         reason = self.forbidden.cause
         unstopped = []
@@ -358,7 +359,7 @@ class DriveController:
         """
         Close the bus, and discard the state of all drives.
 
-        Axes without power no longer watch this master, so that none reports its loss.
+        Axes without power no longer monitor this master, so that no drive reports its loss.
         """
         self.bus.close(self.axes, without_power)
         renewed = [

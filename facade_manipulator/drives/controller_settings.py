@@ -6,7 +6,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.timeouts import STEP_TIMEOUT
 
-STATES_RATE = 100.0  # Hz, at most: joint_states and the compensator need no more
+STATES_RATE = 100.0  # Hz, maximum: joint_states and the compensator need no higher rate
 
 
 @settings

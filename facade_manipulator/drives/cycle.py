@@ -16,21 +16,23 @@ One cycle, with times as shares of the period after its SYNC:
                                                  0.8 after the last SYNC
     1.5    SYNC is overdue: the loop sends one
 
-While received frames are not read yet, 0.7 becomes 0.8 and 1.5 becomes 2.5 with the kernel's SYNC;
-the step of the loop waits while it reads frames from before its due time, for at most a period. A
-SYNC less than 0.5 after the last, such as the kernel's after an overdue one, begins no cycle.
+While received frames are not read yet, 0.7 becomes 0.8 and 1.5 becomes 2.5 with the kernel's SYNC.
+With the SYNC of the loop, the step waits while the loop reads frames from before the due time, for
+at most a period. A SYNC less than 0.5 periods after the last, such as the kernel's after an
+overdue SYNC, begins no cycle.
 
 A cycle is *late* if its step begins, or its commands are chosen, after 0.8. The kernel does not
 wait: late targets would reach the drives after the next SYNC, and the drives would latch a double
-step one period later. They are withdrawn. The loop waits: it sends late commands, and its SYNC
-after them. The drives *hold* their last target beyond a period while targets are withdrawn or a
-SYNC is late. A period is *skipped* if it passes without a SYNC: the kernel's is overdue, or the
-loop is late by a whole period. A cycle is *incomplete* if its step begins without the answers of
-all drives.
+step one period later. Late targets are therefore withdrawn. The loop waits: it sends late
+commands, and then its SYNC. The drives *hold* their last target beyond a period while targets are
+withdrawn or a SYNC is late. A period is *skipped* if it passes without a SYNC: the kernel's is
+overdue, or the loop is late by a whole period. A cycle is *incomplete* if its step begins without
+the answers of all drives.
 
-The kernel sends SYNC where the bus offers its broadcast manager, whose period does not depend on
-the loop. SYNCs of another master in between are found by counting. An interface does not return
-frames to their sender. Beside the SYNC of the loop, each received SYNC is that of another master.
+The kernel sends SYNC if the bus offers its broadcast manager. The period of this SYNC does not
+depend on the loop. SYNCs of another master in between are found by counting. An interface does not
+return frames to their sender. While the loop sends SYNC, each received SYNC is therefore that of
+another master.
 
 Times on the monotonic clock [s] are arguments. The code follows the order of the cycle: the two
 senders of SYNC, the counter, and the clock that the exchange uses.
@@ -47,7 +49,7 @@ from facade_manipulator.drives.snapshot import Cause, CycleStatistics, Remedy
 
 # after SYNC
 ANSWERS_DUE = 0.7  # do not wait longer for the answers of the drives
-FIRST_ANSWER_DUE = 3.0  # a late computer is not a loss of all drives
+FIRST_ANSWER_DUE = 3.0  # a late computer does not mean a loss of all drives
 COMMANDS_DUE = 0.8  # later commands might collide with the next SYNC of the kernel
 SYNC_OVERDUE = 1.5  # with all frames read
 SYNC_MISSING = 2.5  # with some frames waiting
@@ -91,7 +93,7 @@ class KernelSync:
         """
         Return whether a SYNC received at a time [s] begins a cycle; count early SYNCs.
 
-        `begin` counts the others.
+        `begin` counts all other SYNCs.
         """
         is_early = time < self._newest + SYNC_TOO_EARLY * self._period
         if is_early:
@@ -184,7 +186,7 @@ class LoopSync:
         self._next_sync = 0.0
         self._newest: float | None = None  # time of the newest SYNC [s]
         self._period = period
-        # since when a due step has waited for frames that came before [s]; infinity: it does not
+        # since when a due step has waited for earlier frames [s]; infinity: it does not wait
         self._waits_since = math.inf
 
     def start(self, now: float) -> float:
@@ -250,7 +252,7 @@ class LoopSync:
         return []
 
 
-# The clock asks its sender for the order of waiting. Both senders answer the same questions.
+# The clock asks the sender of SYNC what may wait. Both senders have the same methods.
 SyncSender = KernelSync | LoopSync
 
 
@@ -364,8 +366,9 @@ class CycleClock:
         """
         Return whether a SYNC received at a time [s] begins a cycle; then call `receive`.
 
-        A SYNC that is too early begins none: the kernel's after an overdue one, or that of another
-        master. It is counted, and too many of them are a cause of a stop.
+        A SYNC that is too early begins no cycle. It is the kernel's SYNC after an overdue SYNC, or
+        that of another master. Early SYNCs are counted, and too many of them are a cause of a
+        stop.
         """
         return self.sender.accept_sync(time)
 
@@ -374,7 +377,7 @@ class CycleClock:
         self._begin(time, stamp, is_received=True)
 
     def begin(self, time: float, stamp: float) -> None:
-        """Begin a cycle with a SYNC sent by the loop, also in place of an overdue kernel SYNC."""
+        """Begin a cycle with a SYNC sent by the loop, also instead of an overdue kernel SYNC."""
         self._begin(time, stamp, is_received=False)
 
     def _begin(self, time: float, stamp: float, is_received: bool) -> None:
@@ -422,8 +425,8 @@ class CycleClock:
         """
         Return whether a due step or SYNC waits until received frames are read.
 
-        The exchange asks after it has read a frame, which was received at `frame_time` [s]: a SYNC
-        or an answer may be among the frames that are not read yet.
+        The exchange calls this method after it has read a frame that was received at `frame_time`
+        [s]. A SYNC or an answer may be among the frames that are not read yet.
         """
         if not self.is_open:
             return self.sender.let_sync_wait(now)
@@ -437,7 +440,7 @@ class CycleClock:
         """
         Close the cycle when its step begins [s]; return whether targets may be sent.
 
-        If they may, `finish_commands` decides again when the targets are chosen.
+        `finish_commands` then decides again when the targets are chosen.
         """
         self.is_open = False
         age = now - self.sync_time
@@ -455,7 +458,7 @@ class CycleClock:
         """
         Schedule the next SYNC, and count a late cycle once.
 
-        The result is whether targets of a time [s] may be sent.
+        Return whether targets chosen at a time [s] may be sent.
         """
         self.next_event = self.sender.next_sync(now)
         if now - self.sync_time <= COMMANDS_DUE * self.period:

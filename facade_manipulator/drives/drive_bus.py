@@ -23,8 +23,8 @@ class DriveBus:
     """
     Bus opened by `open_bus`, and whether its drives are configured.
 
-    The controller opens, closes and loses it. A lost bus is never opened again by itself: the
-    operator requests cleanup, configure and home.
+    The controller opens and closes the bus, and ends it after a loss. A lost bus is never opened
+    again automatically; the operator requests cleanup, configure and home.
     """
 
     def __init__(
@@ -79,8 +79,8 @@ class DriveBus:
         """
         Put the drives into NMT pre-operational, and close the bus.
 
-        Drives without power no longer watch this master, so that none reports its loss. Any other
-        drive stops by itself when it misses the heartbeat.
+        Drives without power no longer monitor this master, so that no drive reports its loss. Any
+        other drive stops by itself when it misses the heartbeat.
         """
         exchange = self.exchange
         if exchange is not None:

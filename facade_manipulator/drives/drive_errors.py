@@ -14,8 +14,8 @@ class DriveErrors:
     """
     Last error and warning of one drive.
 
-    An error after which the position is wrong also distrusts the encoder. `meanings` are the
-    maker's own meanings of error codes.
+    An error that makes the position invalid also marks the encoder position as lost. `meanings`
+    are the maker's own meanings of error codes.
     """
 
     def __init__(

@@ -5,11 +5,11 @@ A carriage cannot change its speed faster than its drive allows. Each position i
 position that the last speed predicts. The difference is a *jump*:
 
 - A jump above its bound shows at once that the encoder has slipped.
-- Smaller jumps above half of the bound are added. Their sum since the drive has found home
-  also has a limit.
+- Smaller jumps above half of the bound are added up. The sum since the drive has found home also
+  has a limit.
 
-Both are judged only while the position counts: when the axis is homed, or its drive has found home
-while others still home.
+Jump and sum are checked only while the axis is homed, or while its drive has found home and other
+axes are still homing.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class Encoder:
     """Encoder position of one axis; the period is the time between two SYNC messages [s]."""
 
     JUMP_NOISE = 0.001  # m
-    JUMP_MARGIN = 2.0  # of the acceleration that a carriage is allowed
+    JUMP_MARGIN = 2.0  # times the permitted acceleration of a carriage
     JUMP_JITTER = 0.5  # of the way since the last answer, for an early or late SYNC
     TOO_SOON = 0.5  # of the period: closer positions show no speed
     DOUBTFUL = 0.5  # of the bound: noise, jitter and acceleration cause smaller jumps
@@ -69,8 +69,8 @@ class Encoder:
         """
         Mark the position as lost until the axis is homed again.
 
-        The reason is a jump, a restart, an error that loses it, silence, a lost bus, or a drive
-        that differs.
+        The reason is a jump, a restart, an error of the drive, silence, a lost bus, or a drive
+        whose objects differ from the configuration.
         """
         self.homed = False
         self._is_trusted = False
@@ -80,7 +80,7 @@ class Encoder:
         """
         Receive a position [counts] at a time [s].
 
-        The result is why it is distrusted from now on, ``''`` if that has not changed.
+        Return why the position is lost from now on, ``''`` if its validity has not changed.
         """
         self.counts = counts
         before = self._compared

@@ -189,8 +189,8 @@ class CyclicExchange:
         """
         Receive a heartbeat; return the cause of a stop, if any.
 
-        No quick stop reaches a drive that another master has made pre-operational. The NMT
-        command *stop* does, and a drive with power then stops as configured by 6007h.
+        No quick stop reaches a drive that another master has made pre-operational. The NMT command
+        *stop* reaches this drive. A drive with power then stops as configured by 6007h.
         """
         cause = axis.receive_heartbeat(frame)
         if self.has_started and axis.node.is_unreachable:
@@ -240,7 +240,7 @@ class CyclicExchange:
             self._command_targets(now)
         for axis in self.group.axes:
             if axis.name in self.group.not_responding - taken_out:
-                self.command('STOPPED', axis)  # it moves or keeps its power
+                self.command('STOPPED', axis)  # the axis moves or keeps its power
 
     def _supervise(self, now: float) -> None:
         """Supervise drives, targets and cycle; stop the group after a failure."""
@@ -269,7 +269,7 @@ class CyclicExchange:
         """
         Return one cause for each newly silent drive, or a cause for the bus if all are silent.
 
-        The age of frames counts until the last frame that was read: others may wait to be read.
+        Ages are measured up to the last frame that was read, because further frames may be unread.
         A silent drive may have restarted unnoticed, also while the drives are stopped.
         """
         silent: list[Axis] = []
@@ -322,7 +322,7 @@ class CyclicExchange:
         """
         Stop the drives with a command that is sent at once, not at the end of the cycle.
 
-        Before the start of the cycle there is no effect.
+        The method has no effect before the start of the cycle.
         """
         before = self.group.state
         if self.has_started:

@@ -64,8 +64,8 @@ class Feedback:
     """
     Condition of one drive at the end of the newest cycle.
 
-    The group of axes and the supervision of targets read it after `end_cycle`. The period is the
-    time between two SYNCs [s].
+    The group of axes and the supervision of targets read the condition after `end_cycle`. The
+    period is the time between two SYNCs [s].
     """
 
     def __init__(
@@ -89,7 +89,8 @@ class Feedback:
         """
         Update the condition at the end of a cycle.
 
-        `may_rest` is whether the targets are at rest: carriages that reverse rest for a moment.
+        `may_rest` is whether the targets are at rest, because reversing carriages rest for a
+        moment.
         """
         newest = self.newest
         self.position = newest.get(indices.ACTUAL_POSITION)

@@ -1,15 +1,15 @@
 """
 Guard of the mechanism: the last check of carriage positions before they reach the bus.
 
-It is independent of the solver in ik_service, and answers four questions:
+The guard is independent of the solver in ik_service, and answers four questions:
 
 - May these targets be sent? The follower asks for each setpoint and for the path to rest, the
   supervisor for each target, and `activate` for the present positions.
 - Are these measured positions possible? The supervisor asks in each cycle in which targets are
-  followed, behind which they lag.
+  followed. Measured positions lag behind the targets.
 - May the carriages be here while they home? The supervisor asks in each cycle of a homing. Some
   carriages have no known position yet.
-- How fast may carriages be that are so near each other? Only the follower asks.
+- How fast may carriages move at this distance from each other? Only the follower asks.
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ class Unguarded:
     """
     Guard of carriages without a known mechanism, for example without links.
 
-    It has no `allowed_speed`, for which only a `SetpointFollower` asks.
+    This guard has no `allowed_speed`, because only a `SetpointFollower` asks for it.
     """
 
     def check_targets(self, *path: PerCarriage) -> None:
@@ -185,8 +185,8 @@ class Unguarded:
 
 
 UNLIMITED_STROKE = 50.0  # m, a stroke that limits no mechanism
-# of the search for a box in which the mechanism closes: sizes within the reach of a link and half
-# the platform, checked points of the border in a step, and along a side of the interior
+# search for a box in which the mechanism closes: number of sizes within the reach of a link and
+# half the platform, of checked points of the border in a step, and along a side of the interior
 BOX_STEPS = 60
 BORDER_POINTS = 8
 INTERIOR_POINTS = 20
@@ -197,9 +197,9 @@ def _closing_box(geometry: Geometry) -> tuple[float, float, float, float]:
     """
     Return the minimum and maximum of q1 - q3 and q2 - q3 [m] at which the links close.
 
-    The largest box is searched whose border and interior pass the exact check. The distances at
-    which the mechanism closes form one region without holes, so that the border decides. A
-    mechanism without a box has an empty one.
+    The function searches the largest box whose border and interior pass the exact check. The
+    distances at which the mechanism closes form one region without holes, so that the border
+    decides. Without such a box, return an empty box.
     """
     endless = replace(
         geometry,

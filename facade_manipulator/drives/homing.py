@@ -1,15 +1,14 @@
 """
 Homing of an axis (mode 6): set bit 4, then read the result from the statusword.
 
-A drive that was homed before still shows "homing attained". Success therefore counts only if
-the bit was seen clear first, and a homing error only once the drive has had time to take it back.
-Methods 35 and 37 take the present position as home within one cycle, so that the bit may never be
-seen clear. With them success also counts at the home position. Other methods also take one cycle
-where the carriage is at home already. With them success counts if it is steady and the carriage
-stays exactly at home.
-With any method a drive that reports success at another position has failed.
-Some drives never set bit 10, "target reached", or only for a moment (`Quirks`). With them bit 12
-counts once the carriage is at rest.
+A drive that was homed before still shows "homing attained". Success therefore counts only if the
+bit was seen clear first. A homing error counts only after the drive has had time to clear an
+earlier error. Methods 35 and 37 take the present position as home within one cycle, so that the
+bit may never be seen clear. With these methods, success also counts at the home position. Other
+methods also take one cycle if the carriage is already at home. With these methods, success counts
+if it is steady and the carriage stays exactly at home. With any method a drive that reports
+success at another position has failed. Some drives never set bit 10, "target reached", or only for
+a moment (`Quirks`). With these drives, bit 12 counts once the carriage is at rest.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ class NodeMonitor:
     """
     Monitor of the NMT state of one drive.
 
-    A drive that has restarted has lost its position: its encoder is then distrusted.
+    A drive that has restarted has lost its position; the encoder position is then marked as lost.
     """
 
     def __init__(self, name: str, title: str, encoder: Encoder) -> None:
@@ -26,7 +26,7 @@ class NodeMonitor:
         #: whether the drive may have power and has ceased to receive commands by process data
         self.is_unreachable = False
         self.commanded = 'OPERATIONAL'  #: NMT state that this master has commanded
-        self._expected = {self.commanded}  # and states that may precede it
+        self._expected = {self.commanded}  # this state, and states that may precede it
         self._name = name
         self._title = title
         self._encoder = encoder
@@ -45,7 +45,7 @@ class NodeMonitor:
         """Receive a heartbeat or boot-up message; return the cause of a stop, if any."""
         number = nmt.state_number(frame.data)
         self.state = NMT_STATES.get(number)
-        # a heartbeat seems old if the clock is set while it is on its way
+        # a heartbeat seems old if the clock is set during its transmission
         self.heartbeat_time = max(frame.time, self.heartbeat_time or frame.time)
         if self.state == self.commanded:
             self._expected = {self.commanded}

@@ -22,7 +22,7 @@ class OtherMasters:
 
     This master does not receive its own frames, except the SYNC of its kernel. Until the cycle
     starts, a frame of a master raises a BusError. Afterwards a frame that commands drives is the
-    cause of a stop. A drive may send SYNC itself until configure ends it.
+    cause of a stop. A drive may send SYNC itself until configure disables it.
     """
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ class OtherMasters:
             raise _in_use_error(_SYNC_NAME)
 
     def forget_sync(self) -> None:
-        """Forget each SYNC that drives sent before configure ended it."""
+        """Forget the SYNCs that drives sent before configure disabled them."""
         self._has_received_sync = False
 
     def note_own_sync(self, frame: Frame) -> None:
@@ -103,7 +103,7 @@ class OtherMasters:
         Return whether another node has sent a SYNC.
 
         Our SYNC has no data. Where SocketCAN marks it as sent on this computer, a SYNC without
-        this mark is foreign. Elsewhere the clock counts the SYNCs that are too many.
+        this mark is foreign. On other interfaces the clock counts surplus SYNCs.
         """
         is_unmarked = self._has_local_sync and not frame.is_local
         return bool(frame.data) or is_unmarked

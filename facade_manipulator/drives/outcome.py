@@ -61,8 +61,8 @@ def outcome_of(
 
     The problem in the message is the cause of a stop, a fault of the graph, the reason that
     forbids power, or the last failed request and an overload. The next step is that of the state.
-    The remedy of a fault, which blocks the state's next step, stands before it, and that of an
-    overload after it.
+    The remedy of a fault stands before the next step, because the fault blocks this step. The
+    remedy of an overload stands after the next step.
     """
     state = snapshot.state
     slow = overload(snapshot)
@@ -81,7 +81,7 @@ def outcome_of(
     elif problems.fault:
         message = joined(state.value, problems.fault, following)
     else:
-        # the next step of a failed request may be done
+        # the operator may already have done the next step of a failed request
         failure = problems.last_failure.partition(NEXT)[0]
         message = joined(f'{state.value}{following}', failure, slow)
     cause = snapshot.cause or problems.forbidden
@@ -98,8 +98,9 @@ def outcome_of(
     )
 
 
-# Share of LATE_WINDOW cycles. At 100 Hz without priority, on two processors: at most 0.2 % beside
-# idle programs; at least 0.8 % in each window with three late cycles in a row, beside busy ones
+# Share of late cycles in LATE_WINDOW. At 100 Hz without priority, on two processors, the share is
+# at most 0.2 % beside idle programs. Beside busy programs, it is at least 0.8 % in each window
+# with three late cycles in a row.
 MAX_LATE_SHARE = 0.005
 
 

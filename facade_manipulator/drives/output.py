@@ -11,7 +11,7 @@ class Output:
     """
     Command and target of one drive.
 
-    The group takes a command and the supervision of targets aims at a target once per cycle. Then
+    Once per cycle, the group sets the command and the supervision of targets sets the target. Then
     the exchange sends the frames.
     """
 
@@ -24,7 +24,7 @@ class Output:
             (one.cob_id(node_id), one.codec.pack, one.indices) for one in profile.rpdos
         ]
         self._cyclic_bit_4 = profile.quirks.cyclic_bit_4
-        # bit 4 of the last controlword, where the drive needs its change
+        # bit 4 of the last controlword, if the drive needs its change
         self._toggled_bit = 0
 
     def take(self, command: AxisCommand) -> None:

@@ -176,8 +176,8 @@ def halt_plan(step: Step, is_confirmed: bool) -> Plan | None:
     Return the plan that halts during a step; None if the present plan continues.
 
     Only after a confirmed activation do the carriages hold with power. Otherwise the halt cancels
-    a homing or an activation, and powers the drives off. A plan that already ends so continues,
-    because a repeated halt must not extend its time.
+    a homing or an activation, and powers the drives off. A plan that already ends in the required
+    state continues, because a repeated halt must not extend its time.
     """
     if step.state is GroupState.HOMING:
         return END_HOMING

@@ -93,7 +93,7 @@ class DriveProfile:
     #: index and subindex of the objects of a place on the bus: node id, bit rate
     of_place: tuple[tuple[int, int], ...] = ()
     input_polarity: InputPolarity | None = (
-        None  #: None where only the maker's tool has it
+        None  #: None if only the maker's tool shows it
     )
     #: index of the reaction of the drive to a lost master; the value 0 disables it
     lost_master_reaction: int = indices.ABORT_CONNECTION_OPTION
@@ -141,7 +141,8 @@ def quantities(
     """
     Return the values that a profile may write, by name and in drive units.
 
-    The axis has the units of the drive's profile; that of 6080h is the velocity unit by default.
+    The settings of the axis contain the units of the profile. The unit of 6080h defaults to the
+    velocity unit.
     """
     motor = replace(axis, velocity_unit=motor_speed_unit or axis.velocity_unit)
     ramp = replace(axis, velocity_unit=axis.acceleration_unit or axis.velocity_unit)
@@ -155,7 +156,7 @@ def quantities(
         'max_velocity': _in_drive_units(axis, 'max_speed'),
         'max_acceleration': _in_drive_units(ramp, 'max_acceleration'),
         # The zero speed, a share of homing_speed, comes first: its error names the homing_speed
-        # that is enough for both.
+        # that is sufficient for both speeds.
         'homing_zero_speed': _in_drive_units(
             axis, 'homing_speed', axis.homing_zero_share
         ),
@@ -183,12 +184,12 @@ def _in_drive_units(axis: AxisSettings, name: str, share: float = 1.0) -> int:
 
     `name` is an attribute of the settings [m/s or m/s²]. For an acceleration, the velocity unit of
     `axis` is the drive's acceleration unit times a second. Raises a ParameterError below one unit,
-    because less may be rounded to 0, which drives may read as no limit.
+    because a smaller value may be rounded to 0, and drives may interpret 0 as no limit.
     """
     magnitude = getattr(axis, name)
     unit = abs(axis.si_per_unit.velocity) / share
     if magnitude < unit:
-        rounded_up = 1.01 * unit  # is above the unit also with three digits
+        rounded_up = 1.01 * unit  # above the unit also after rounding to three digits
         raise ParameterError(
             f'axes.{name} = {magnitude:g} rejected: a value below {unit:.3g} is less than one '
             'unit of the drive, and may become 0, which means no limit; '
@@ -249,7 +250,7 @@ def fitting_profile(vendor_id: int | None, product_code: int | None) -> str:
     return of_product.get((vendor_id, product_code), of_maker)
 
 
-@lru_cache(maxsize=8)  # each of the three axes asks twice, and YAML takes 30 ms
+@lru_cache(maxsize=8)  # each of the three axes asks twice, and parsing takes 30 ms
 def _parse(name: str, path: Path, text: str) -> DriveProfile:
     """Return the profile described by the text of a file; malformed text raises various errors."""
     data = _table(

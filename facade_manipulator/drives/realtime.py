@@ -42,8 +42,8 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
     """
     Apply the settings of priority, locked memory and CPU; return a message for each rejection.
 
-    The priority is that of all present threads of this process, the CPU that of the calling thread
-    and of threads that it starts later.
+    The priority applies to all present threads of this process. The CPU applies to the calling
+    thread, and to threads that it starts later.
     """
     priority = settings.realtime_priority
     cpu = settings.cpu
@@ -86,7 +86,8 @@ def request_node_priority() -> None:
     """
     Request a priority for the process of a node, unless it was started with one.
 
-    The nodes work without it. The control loop logs what the system must permit.
+    The nodes work without this priority. The control loop logs the setting that the system must
+    permit.
     """
     if realtime_priority():
         return
@@ -102,12 +103,12 @@ def set_priority(priority: int) -> None:
     Give all present threads of this process a SCHED_FIFO priority that new threads do not inherit.
 
     All threads wait for the lock of the interpreter, so that a thread without priority would
-    delay the others. Raises an OSError if the system does not permit it, and a ValueError outside
-    the main thread or if the limit on the time without a pause may not be set. No thread has the
-    priority then.
+    delay the others. Raises an OSError if the system does not permit the priority. Raises a
+    ValueError outside the main thread, or if the limit on the time without a pause may not be set.
+    After an error, no thread has the priority.
     """
-    # First the limit, which is without effect until a thread has a priority: if it is rejected,
-    # no thread has one.
+    # Set the limit first; it has no effect until a thread has a priority. If the limit is
+    # rejected, no thread has a priority.
     signal.signal(signal.SIGXCPU, _give_up_priority)
     microseconds = 1_000_000
     resource.setrlimit(

@@ -2,9 +2,9 @@
 Requests of the operator: nine generator functions and their table.
 
 The controller begins a generator between two cycles and resumes it in each turn of the control
-loop. Its return value is the reply. A ManipulatorError is the reply of a failure; before the first
-``yield`` it rejects the request. A request that is cancelled is closed. The controller closes a
-bus whose drives are not configured when no request is left.
+loop. Its return value is the reply. A ManipulatorError is the reply to a failed request. Raised
+before the first ``yield``, the error rejects the request. A request that is cancelled is closed.
+The controller closes a bus whose drives are not configured when no request is left.
 """
 
 from __future__ import annotations
@@ -58,7 +58,8 @@ def home(controller: DriveController) -> Steps[str]:
     """
     Power on in homing mode, home the axes in order of their ranks, and power off.
 
-    After a failure the axes that have found home are homed. After a cancellation none is.
+    After a failure, the axes that have found home are homed. After a cancellation, no axis is
+    homed.
     """
     group = controller.group
     axes = controller.axes
@@ -154,7 +155,7 @@ def clear_faults(controller: DriveController) -> Steps[str]:
         yield from each(controller, SdoAccess.prove)
         yield from start_nodes(controller)
     except DriveError as error:
-        for axis in controller.axes:  # a drive that differs may have restarted
+        for axis in controller.axes:  # a differing drive may have restarted
             axis.encoder.distrust()
         remedy = error.remedy or Remedy.CONFIGURE
         cause = Cause(error.problem, remedy, configure_again=True)
@@ -226,9 +227,10 @@ class Request(NamedTuple):
 
     run: Callable[[DriveController], Steps[Any]]
     state: ControllerState
-    #: whether the drives must be configured (True), or must not (False); None: both are possible
+    #: True: the drives must be configured; False: they must not be; None: both are permitted
     needs_configured: bool | None = True
-    #: whether it may begin while another request runs, which it cancels unless it ends at once
+    #: whether it may begin while another request runs; it cancels that request unless it ends at
+    #: once
     interrupts: bool = False
     needs_bus: bool = True  #: whether it fails if the bus is lost in the meantime
 

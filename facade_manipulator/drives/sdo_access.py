@@ -77,7 +77,7 @@ class SdoAccess:
     Objects of one drive, facts read from these objects, and the steps that use them.
 
     The total time of the answers to `begin` is limited, so that a slow drive fails like a silent
-    one. Raises a ParameterError if the profile contradicts the settings of the axis.
+    drive. Raises a ParameterError if the profile contradicts the settings of the axis.
     """
 
     def __init__(
@@ -186,8 +186,9 @@ class SdoAccess:
         """
         Return how another program uses the drive, ``''`` if it does not.
 
-        Another master may send seldom or never, but the state of the drive shows it. A drive that
-        this driver has left behind watches its heartbeat (1016h), misses it, and has stopped.
+        Another master may send seldom or never, but the state of the drive shows its presence. A
+        drive that this driver has left behind monitors the driver's heartbeat (1016h), misses it,
+        and has stopped.
         """
         state = yield from self._state()
         if state is None:

@@ -74,7 +74,7 @@ def _switch_off(controller: DriveController, unsure: list[Axis]) -> Steps[list[A
     """
     Switch drives off through SDO; return the axes that still do not confirm power off.
 
-    PDOs may not reach the drives, and stopped ones have no SDO.
+    PDOs may not reach the drives, and stopped drives have no SDO.
     """
     try:
         controller.bus.command('PRE-OPERATIONAL', unsure)

@@ -94,7 +94,7 @@ class Cause:
     cut_power: bool = False  #: whether the drives lose power once they are at rest
     #: whether clear_faults is insufficient: the drives must be configured again
     configure_again: bool = False
-    #: whether a further cause of the same axis may say more: why the drive is silent, or in fault
+    #: whether a further cause of the same axis may explain why the drive is silent or in fault
     is_vague: bool = False
     is_requested: bool = False  #: whether a supervisor has requested the stop
 
@@ -112,10 +112,10 @@ class CycleStatistics:
 
     cycles: int = 0  #: SYNCs answered by a step of the control loop
     incomplete: int = (
-        0  #: cycles in which a drive's answer had not come before the step
+        0  #: cycles in which a drive's answer had not arrived before the step
     )
     #: cycles whose commands came later than `cycle.COMMANDS_DUE`; if the kernel sends SYNC, their
-    #: targets were not sent, and the drives held the targets before
+    #: targets were not sent, and the drives held the previous targets
     late: int = 0
     skipped: int = 0  #: periods that passed without a SYNC
     worst: float = 0.0  #: longest time from SYNC to the step [s]

@@ -131,12 +131,12 @@ def start_nodes(controller: DriveController) -> Steps[None]:
     )
 
 
-SLOWEST = 20  # cycles in which each TPDO is sent once at 200 Hz; step_timeout covers faster rates
+SLOWEST = 20  # cycles in which each TPDO is sent once at 200 Hz; step_timeout covers higher rates
 
 
 def start_cycle(controller: DriveController, exchange: CyclicExchange) -> Steps[None]:
     """Start the cycle with all drives switched off; wait until every drive has answered."""
-    realtime.freeze_objects()  # those of configure would cost the first collection a cycle
+    realtime.freeze_objects()  # else the first collection would take a cycle
     settings = controller.settings
     group = controller.group
     exchange.start(controller.now)

@@ -102,7 +102,7 @@ POWERED_STATES = frozenset(
         State.FAULT_REACTION_ACTIVE,
     }
 )
-# in which no command but those that switch on can give power, and the motor has none
+# states in which the motor has no power; only the commands that switch on can give power
 UNPOWERED_STATES = frozenset(
     {
         State.NOT_READY_TO_SWITCH_ON,
@@ -117,7 +117,7 @@ class Power(Enum):
 
     CONFIRMED_OFF = 'confirmed off'  #: its own statusword confirms it
     UNKNOWN = 'unknown'  #: no answer, or a statusword without a state of CiA 402
-    ON = 'on'  #: or on its way there
+    ON = 'on'  #: or being switched on or off
 
 
 @cache

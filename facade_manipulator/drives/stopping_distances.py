@@ -112,8 +112,8 @@ def overshoot(speed: float, acceleration: float, deceleration: float) -> float:
     """
     Return the maximum overshoot of a carriage beyond the stroke [m].
 
-    The commanded motion could come to rest inside with the acceleration [m/s²]. The carriage
-    brakes from its speed [m/s] with the deceleration [m/s²] instead.
+    The commanded motion could come to rest inside the stroke with the acceleration [m/s²].
+    Instead, the carriage brakes from its speed [m/s] with the deceleration [m/s²].
     """
     return max(0.0, 0.5 * speed**2 * (1.0 / deceleration - 1.0 / acceleration))
 
@@ -193,8 +193,8 @@ class StoppingAnalysis:
 
     # a report just after one SYNC is answered after the next, and latched then
     CYCLES_TO_STOP = 2
-    MIN_SPEED = 0.01  # m/s, that must remain for carriages at their minimum gap
-    # of the free distance between carriages, at most, may one lag undetected
+    MIN_SPEED = 0.01  # m/s, speed that must remain possible at the minimum gap
+    # maximum undetected lag of a carriage, as a share of the free distance between carriages
     WINDOW_SHARE = 0.75
     BOUND_ROUNDING = 1e-9  # m, m/s, m/s²
     LOAD = 0.7  # deceleration with the heaviest load, as a share of that of an empty machine

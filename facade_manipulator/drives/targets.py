@@ -1,9 +1,9 @@
 """
 Choice of the drives' targets, and the check that the carriages reach them.
 
-Targets are the positions of the carriages at power-on, then the stream. The mechanism's checks
-are the last ones before the bus: a target that fails them, or jumps, is rejected with a message,
-never clamped.
+Targets are the positions of the carriages at power-on, and afterwards those of the stream. The
+mechanism's checks are the last checks before the bus. A target that fails a check, or jumps, is
+rejected with a message, never clamped.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class TargetSupervisor:
         guard: Guard | Unguarded,
     ) -> None:
         #: asked for targets once a cycle while active: a
-        #: `facade_manipulator.motion.follower.SetpointFollower`, or `at_rest`, `reset`, `hold`,
-        #: `wait`, `sample` and `withdraw` as it has them
+        #: `facade_manipulator.motion.follower.SetpointFollower`, or an object with its `at_rest`,
+        #: `reset`, `hold`, `wait`, `sample` and `withdraw`
         self.source = source
         self.guard = guard
         #: the targets last chosen [m] while the drives follow, else None
@@ -147,15 +147,15 @@ class TargetSupervisor:
             self._group.stop(
                 Cause(f'{failure}: {problem}', 'check the source of the setpoints'), now
             )
-            # a stopped group follows no source any more
+            # a stopped group no longer follows a source
             self.choose(reach_time)
 
     def withdraw(self) -> None:
         """
-        Undo the last `command`: its targets came too late to be sent.
+        Undo the last `command`, because its targets were chosen too late to be sent.
 
-        It is called only while the drives follow targets. They still hold the targets before, from
-        which the next command starts.
+        The method is called only while the drives follow targets. The drives still hold the
+        previous targets, and the next command starts from these.
         """
         counts, self.positions, self._state = self._remembered
         for axis, target in zip(self._axes, counts, strict=True):
@@ -171,7 +171,7 @@ class TargetSupervisor:
         Choose the targets of a cycle: the carriage positions until the drives are enabled.
 
         `reach_time` is when the drives reach the targets, on the monotonic clock [s]. Raises a
-        ManipulatorError if the source has failed, or a target must not go to the drives.
+        ManipulatorError if the source has failed, or a target must not be sent to the drives.
         """
         before = self._state
         state = self._group.state

@@ -16,8 +16,8 @@ class Transmitter:
     """
     Transmitter of process data, heartbeats and network management commands.
 
-    The exchange calls it. A frame that finds no room in the send queue is dropped, because the
-    next cycle has newer ones. Network management commands wait for room. Sending raises a
+    The exchange calls the transmitter. A frame without room in the send queue is dropped, because
+    the next cycle sends newer frames. Network management commands wait for room. Sending raises a
     BusError if the bus is lost, or the queue is full for `LONGEST_UNSENT`.
     """
 
@@ -33,7 +33,7 @@ class Transmitter:
         self.next_heartbeat = math.inf
         # name and node id of NMT commands that a full queue has delayed
         self._waiting_commands: deque[tuple[str, int]] = deque()
-        self._full_since = math.inf  # time since when the queue is full [s]
+        self._full_since = math.inf  # time since which the queue has been full [s]
 
     @property
     def sends_heartbeats(self) -> bool:

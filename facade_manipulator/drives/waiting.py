@@ -41,9 +41,9 @@ def until_all(
     """
     Wait until a condition holds for all axes at the same time.
 
-    Raises a DriveError after the timeout [s]: it names the axes without the condition, followed by
-    `failure`, such as ``'did not answer'``. Unlike `until`, it also waits while the drives are
-    stopped.
+    Raises a DriveError after the timeout [s]: the error names the axes that do not meet the
+    condition, followed by `failure`, such as ``'did not answer'``. Unlike `until`, it also waits
+    while the drives are stopped.
     """
     end = controller.now + timeout
     while True:
@@ -56,7 +56,7 @@ def until_all(
         yield
 
 
-# s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
+# s, for all SDO requests to one drive: 111 answers of 0.2 s each
 TURN_TIMEOUT = 25.0
 
 
@@ -69,7 +69,7 @@ def each(
     Run the steps of all drives at the same time; return the results by axis.
 
     No drive is asked after the timeout [s], by default `TURN_TIMEOUT`. Raises a DriveError that
-    names the failures of all drives, or any other error of one drive.
+    names the failures of all drives. Raises any other error of a drive unchanged.
     """
     drives = [axis.sdo for axis in controller.axes]
     deadline = controller.now + (timeout or TURN_TIMEOUT)
