@@ -66,7 +66,7 @@ def correction_component(
             POSE_AXES, deviations, correction.usable, strict=True
         ):
             name, scale, unit = axis
-            # the prediction of an axis that is not usable says nothing about the rail
+            # the prediction of an axis that is not usable does not describe the rail
             known = deviation if is_usable else math.inf
             texts.append(f'{name} {scale * known:.2g} {unit}')
         values['standard deviation of the prediction'] = '; '.join(texts)

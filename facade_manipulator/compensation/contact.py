@@ -21,7 +21,7 @@ from facade_manipulator.kinematics import add, Pose, Wrench
 from facade_manipulator.motion.timed_buffer import KEPT_TIME
 from facade_manipulator.parameters import parameter, settings
 
-OLDEST_OFFSET = 0.3  # s: an older lateral offset is not used
+OLDEST_OFFSET = 0.3  # s; an older lateral offset is not used
 
 
 @settings
@@ -94,7 +94,7 @@ class Contact:
         """
         Record the wrench of the wall on the head, in the head's frame, measured at a stamp [s].
 
-        Raises an InputError if it is not finite, stale, from the future or out of order.
+        Raises an InputError if the wrench is not finite, stale, from the future or out of order.
         """
         self._check('contact_wrench', now, stamp, OLDEST_WRENCH, wrench)
         force = -(math.sin(self.yaw) * wrench.fx + math.cos(self.yaw) * wrench.fy)
@@ -105,7 +105,7 @@ class Contact:
         """
         Record the measured lateral offset: missing motion of the head along the wall [m].
 
-        Raises an InputError if it is not finite, stale, from the future or out of order.
+        Raises an InputError if the offset is not finite, stale, from the future or out of order.
         """
         self._check('lateral_offset', now, stamp, OLDEST_OFFSET, (offset,))
         self.regulator.add_measurement(stamp, offset)
@@ -121,8 +121,8 @@ class Contact:
         """
         Return the reference pose shifted by the contact [m, m, rad].
 
-        The reference is that of the time at which the head reaches it [s], an interval [s] after
-        the previous time.
+        `time` is when the head reaches the reference [s], and `interval` the time since the
+        previous call [s].
         """
         if self.lateral.enabled:
             self.regulator.step(now, interval, around.saturation_error.x)

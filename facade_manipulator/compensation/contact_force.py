@@ -2,37 +2,39 @@
 Force control of the head on the wall: the law that moves the head, and a wall tracker.
 
 The brush is the softest spring in series with the wall, so the stiffness k of the contact is at
-most that of the brush, k̂, which is a parameter. The force F(t) = k (a(t) + w(t)), with the offset
-a and the motion w of the wall, is known at a stamp; an offset that is decided now acts only a
-horizon later. With â the offset that was meant for the stamp, and T the latency since the stamp,
+most the stiffness k̂ of the brush. k̂ is a parameter. The force F(t) = k (a(t) + w(t)), with the
+offset a and the motion w of the wall, is known at a stamp. An offset that is decided now acts only
+one horizon later. With the offset â that was decided for the stamp, and the latency T since the
+stamp,
 
     da/dt = (F_d − F − k̂ (a − â)) / (k̂ τ),    τ = 1.7 T.
 
 The term k̂ (a − â) predicts the force of the offsets decided since the stamp. This law alone is
-stable for every k ≤ 4.1 k̂: for k = k̂ no latency remains in the loop, and for a smaller k it is
-slower. For k = k̂ and T = 70 ms it halves the motion of the wall below 0.43 Hz and amplifies it
-above 1.0 Hz, at most by 1.37. The moment follows the same law with k̂ w²/4 for a brush of the
-width w.
+stable for every k ≤ 4.1 k̂. For k = k̂ no latency remains in the loop; for a smaller k the law is
+slower. For k = k̂ and T = 70 ms the law halves the motion of the wall below 0.43 Hz, and amplifies
+this motion above 1.0 Hz, at most by the factor 1.37. The moment follows the same law with k̂ w²/4
+for a brush of the width w.
 
 The remaining errors of the force are mostly noise of the estimator in the predicted disturbance d.
 The force shows the distance of the wall from the rail, z = a − d − F/k̂, without that noise.
-`WallTracker` follows z while the force is held. The offset becomes z + d + F_d/k̂ as far as that
-differs from the law's by less than a bound.
+`WallTracker` follows z while the force is held. The offset becomes z + d + F_d/k̂, limited to a
+bound around the offset of the law.
 
-The tracker reduces the margins of the law: for k above 2 k̂, or with a latency that no stamp
+The tracker reduces the margins of the law. For k above 2 k̂, or with a latency that no stamp
 shows, the loop of law and tracker oscillates within the bound. The bound is therefore
-`TRACKING_BOUND` times a trust. The law holds the force alone for `TRIAL_TIME`. Then the trust
-rises from 0 to 1. It falls while the RMS error of the force is above `WELL_HELD` and above that of
-the law without the tracker, and in any case above `BADLY_HELD`. After each fall to 0 it rises half
-as fast, so that the law alone remains where the tracker fails.
+`TRACKING_BOUND` times a trust. The law alone holds the force for `TRIAL_TIME`. Then the trust
+rises from 0 to 1. The trust falls while the RMS error of the force is above `WELL_HELD` and above
+the RMS error of the law without the tracker, and always while it is above `BADLY_HELD`. After each
+fall to 0 the trust rises half as fast, so that only the law remains if the tracker fails.
 
-Beyond its margins, or with a latency H that no stamp shows, the law oscillates as well. It then
-moves towards the wall until T + H after the force has reached the desired force. The velocity
+Beyond its margins, or with a latency H that no stamp shows, the law oscillates as well. The head
+then moves towards the wall until T + H after the force has reached the desired force. The velocity
 towards the wall is at most E / (k̂ `RISE_TIME`), with the excess E of the force limit over the
 desired force. So the force F_d rises by at most E k (T + H) / (k̂ `RISE_TIME`) beyond the motion
-of the wall: by half of E while k (T + H) ≤ 0.75 k̂ s. Without a hidden latency, this holds up
-to k = 10 k̂; for k = k̂, up to H = 0.68 s. The velocity away from the wall has no such limit.
-`contact_faults.py` then detects the oscillation, and the head retracts.
+of the wall. This rise is at most half of E while k (T + H) ≤ 0.75 k̂ s. Without a hidden latency,
+this condition holds up to k = 10 k̂. For k = k̂, it holds up to H = 0.68 s. The velocity away from
+the wall has no such limit. `contact_faults.py` then detects the oscillation, and the head
+retracts.
 
 A fade of the correction moves the head but not the gondola. While the head presses, the shift on
 the wall absorbs the fade.
@@ -44,9 +46,9 @@ import math
 
 from facade_manipulator.motion.timed_buffer import TimedBuffer
 
-OLDEST_WRENCH = 0.2  # s: an older wrench is not used
+OLDEST_WRENCH = 0.2  # s; an older wrench is not used
 NOISE = 0.5  # N, standard deviation of usual force sensors
-TOUCH = 3.0 * NOISE  # N: a larger force is a touch
+TOUCH = 3.0 * NOISE  # N; a larger force is a touch
 
 SPEED = 0.04  # m/s, maximum of the offset
 
@@ -64,7 +66,7 @@ class ForceLaw:
 
     def __init__(self) -> None:
         self.offset = 0.0  #: decided by the law alone [m or rad]
-        self.tracked = 0.0  #: added to it by a tracker [m or rad]
+        self.tracked = 0.0  #: added to the offset by a tracker [m or rad]
         self.force = 0.0  #: force on the wall, low-pass [N or N m]
         #: total offset when the force was measured, low-pass [m or rad]
         self.measured_offset = 0.0
@@ -103,7 +105,7 @@ class ForceLaw:
         return error / (stiffness * self.TIME_CONSTANT * delay)
 
     def move(self, time: float, offset: float, tracked: float = 0.0) -> None:
-        """Set both parts of the offset [m or rad] at a time [s]."""
+        """Set the offset and its tracked part [m or rad] at a time [s]."""
         self.offset = offset
         self.tracked = tracked
         self._totals.append(time, self.total)
@@ -175,8 +177,8 @@ class TrackerTrust:
     TRUST_TIME = 10.0  # s, then, in which the trust in the tracker rises from 0 to 1
     # s: averaging time of the squared error, fall of the trust to 0
     DISTRUST_TIME = 0.5
-    WELL_HELD = 0.08  # RMS error as a share of the desired force: below it no distrust
-    BADLY_HELD = 0.12  # the same: above it always distrust
+    WELL_HELD = 0.08  # RMS error as a share of the desired force; never distrust below this share
+    BADLY_HELD = 0.12  # the same; always distrust above this share
 
     def __init__(self) -> None:
         self.share = 0.0  #: of the tracker's bound, from 0 to 1
@@ -277,8 +279,8 @@ class NormalForce:
         """
         Set the law's offset [m] at a time [s]; move the tracker's part over an interval [s].
 
-        The rail is at y [m] then. The tracker acts while the desired compression of the brush [m]
-        is known.
+        `rail_y` is the y of the rail at this time [m]. The tracker acts while the desired
+        compression of the brush [m] is known.
         """
         place_of_rail = rail_y - self.absorbed
         wanted = 0.0
@@ -291,8 +293,8 @@ class NormalForce:
         self.tracker.note_place(time, self.law.total - place_of_rail)
 
 
-MOST_EXCESS = 1.0  # of the force limit over the desired force, as a share of it
-LEAST_EXCESS = 15.0  # N, the same at least
+MOST_EXCESS = 1.0  # excess of the force limit, as a share of the desired force
+LEAST_EXCESS = 15.0  # N, minimum of this excess
 
 
 def allowed_excess(desired: float) -> float:

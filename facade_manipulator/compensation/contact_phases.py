@@ -34,7 +34,7 @@ CONTACT_CLOCK_TOLERANCE = 0.02  # s
 class ContactSettings:
     """Settings of the force on the wall, and of the brush between head and wall."""
 
-    # N/m: with less, a damping of the brush of 25 N s/m makes the law ring
+    # N/m; with a softer brush, its damping of 25 N s/m makes the law oscillate
     LEAST_STIFFNESS = 600.0
 
     enabled: bool = parameter(
@@ -116,7 +116,7 @@ class Surroundings(NamedTuple):
     rail_y: float = 0.0  #: disturbance in y that is corrected [m]
     silence: str = ''  #: reason why a disturbance that should be corrected is not
     beyond: float = 0.0  #: distance of the path past its goal, towards the wall [m]
-    fading_y: float = 0.0  #: velocity of that disturbance by a fade alone [m/s]
+    fading_y: float = 0.0  #: velocity of `rail_y` due to fades only [m/s]
 
 
 class ForceRamp:
@@ -191,15 +191,15 @@ class Pressing:
     Pressing on the wall: approach, raise the force, hold it, or retract for a reason.
 
     The head waits at the distance `retreat` before the goal and measures the zero of the sensor
-    there. After a fault the head stays there until pressing is disabled, enabled again, and
-    followed by a new goal. After a silent sensor or a lost estimate, the head approaches the wall
-    again without a request. After pressing is disabled or ended, the head stays there until the
-    next goal. The owner replaces `settings`, of which some are live, calls `follow_goal` for each
-    new goal, and `end` when a goal is no longer followed.
+    there. After a fault the head stays at this distance until pressing is disabled and enabled
+    again, and a new goal follows. After a silent sensor or a lost estimate, the head approaches
+    the wall again without a request. After pressing is disabled or ended, the head stays at this
+    distance until the next goal. The owner replaces `settings`, some of which are live. The owner
+    calls `follow_goal` for each new goal, and `end` when a goal is no longer followed.
     """
 
-    NEAR_GOAL = 0.005  # m: maximum distance of the path past its goal
-    APPROACH_SPEED = 0.004  # m/s: a wall of 100 N/mm is touched with 28 N
+    NEAR_GOAL = 0.005  # m, maximum distance of the path past its goal
+    APPROACH_SPEED = 0.004  # m/s; touches a wall of 100 N/mm with 28 N
     YAW_SPEED = 0.25  # rad/s
     YAW_RANGE = 0.12  # rad
     FRICTION = 0.3  # coefficient of friction of brushes on a wall
@@ -226,7 +226,7 @@ class Pressing:
         self._rest = 0.0
         if settings.enabled:
             self.mode = PressMode.RETRACTED
-            # the head goes to its first goal already off the wall; an offset below 0 is off it
+            # the head moves to its first goal off the wall; an offset below 0 is off the wall
             self._rest = -settings.retreat
             self.normal.begin(self._rest)
 
@@ -277,9 +277,9 @@ class Pressing:
         """
         Record measured force and moment on the wall [N, N m] at a stamp [s].
 
-        While the head waits off the wall, they update the zeros of the sensor. The readings minus
-        the zeros go to the force laws, the tracker and the monitor. `is_repeated` marks a wrench
-        that is identical to the previous one.
+        While the head waits off the wall, the readings update the zeros of the sensor. The
+        readings minus the zeros go to the force laws, the tracker and the monitor. `is_repeated`
+        marks a wrench that is identical to the previous one.
         """
         if self.mode is PressMode.RETRACTED:
             interval = stamp - self.monitor.stamp
@@ -298,7 +298,8 @@ class Pressing:
         """
         Press at a new goal if pressing is enabled, and continue to press after another goal.
 
-        Otherwise the offset changes at once, and the path to the goal must begin at the head.
+        Otherwise the offset changes at once, and the path to the goal must begin at the pose of
+        the head.
         """
         if self.settings.enabled and self._is_active:
             return
@@ -312,7 +313,7 @@ class Pressing:
         self.normal.begin(self._rest)
 
     def end(self) -> None:
-        """Stop pressing until the next goal; the head leaves the wall, and a fault stays."""
+        """Stop pressing until the next goal, and leave the wall. A fault stays latched."""
         self._is_active = False
         self._enter(PressMode.OFF)
         if not self._is_latched:
@@ -417,7 +418,7 @@ class Pressing:
         )
 
     def _follow_touch(self, interval: float) -> None:
-        """Raise the force over an interval [s] after a touch; approach again if it is lost."""
+        """Raise the force over an interval [s] after a touch; approach again after a lost touch."""
         ramp = self.ramp
         is_touching = ramp.is_touching(self.normal.law.force, self.settings.force)
         ramp.note_touch(interval, is_touching)
@@ -446,7 +447,8 @@ class Pressing:
         settings = self.settings
         before = self.normal.law.offset
         if self._is_off_wall:
-            # The goal of a pressing head may be behind the wall: it never moves towards the goal.
+            # The goal of a pressing head may be behind the wall, so the head never moves towards
+            # it.
             return towards(before, min(before, self._rest), SPEED * interval)
         wanted = before + interval * self._velocity(time, interval, is_fresh)
         least = -max(settings.retreat, settings.range)

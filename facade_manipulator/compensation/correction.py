@@ -65,21 +65,22 @@ class Remainder:
     Each jump of the trajectory is added to the rest of the previous jumps. The sum of trajectory
     and remainder therefore continues in position and velocity. The remainder is linear, so that
     the sum is bounded however often the trajectory jumps. This holds also if two remainders share
-    the jumps: one takes those of the position with the time constant T, the other those of the
-    velocity with the time constant U.
+    the jumps: one remainder takes the jumps of the position with the time constant T, the other
+    takes those of the velocity with the time constant U.
 
-    Proof: a unit jump of the position leaves g = (1 + t/T) exp(−t/T), one of the velocity leaves
-    h = t exp(−t/U). Let the trajectory a begin at 0 and be within P, and between its jumps a'
-    within V and a'' within A. With the jumps p of the position and v of the velocity as impulses,
-    the derivative of a is a' − p, that of a' is a'' − v. Partial integration gives
+    Proof: a unit jump of the position leaves g = (1 + t/T) exp(−t/T), a unit jump of the velocity
+    leaves h = t exp(−t/U). Let the trajectory a begin at 0 and be within P, and between its jumps
+    a' within V and a'' within A. With the jumps p of the position and v of the velocity as
+    impulses, the derivative of a is a' − p, that of a' is a'' − v. Partial integration gives
 
         a + g ∗ p = g ∗ a' − g' ∗ a,    h ∗ v = h ∗ a'' − h' ∗ a'.
 
     The integrals of |g|, |g'|, |h| and |h'| are 2 T, 1, U² and 2 U/e. Hence the sum of trajectory
     and remainders is within P + 2 T V + 2 U V/e + U² A.
 
-    The time constant may also change, if one remainder takes the jumps of both. The sum f of
-    trajectory and remainder is then smooth, and a critically damped filter of the trajectory,
+    The time constant may also change, if one remainder takes the jumps of both position and
+    velocity. The sum f of trajectory and remainder is then smooth, and a critically damped filter
+    of the trajectory,
 
         f'' + 2 f'/T + f/T² = u,    u = a'' + 2 a'/T + a/T².
 
@@ -122,7 +123,7 @@ class Remainder:
         """
         Add a jump at a time [s]: the old trajectory minus the new trajectory.
 
-        From then on the remainder decays with the time constant [s], by default as before.
+        From then on the remainder decays with the time constant [s], by default the previous one.
         """
         left = self.at(time)
         if constant is not None:
@@ -178,7 +179,7 @@ class Correction:
     NO_SHARE = MotionState(Pose(-1.0, -1.0, -1.0), ZERO_TWIST)
     # s, time constant of a change by an estimate with the usual noise: 30 Hz
     SMOOTHING = 0.03
-    LEAST_SMOOTHING = 0.015  # s, the same with less than half of it
+    LEAST_SMOOTHING = 0.015  # s, the same with less than half of this noise
     USUAL_NOISE = (1e-3, 1e-3, 1.75e-3)  # m, m, rad
 
     def __init__(self, settings: CorrectionSettings) -> None:
@@ -202,7 +203,7 @@ class Correction:
         self.fading = ZERO_TWIST
         # time of the newest correction [s], None before the first
         self._time: float | None = None
-        self._state = ZERO_STATE  # at that time; later states continue it
+        self._state = ZERO_STATE  # state at this time; later states continue from it
         # axes that were corrected when the estimates ended
         self._interrupted = self.NONE_KNOWN
         constant = settings.fade_time / self.DECAYS
@@ -479,7 +480,7 @@ class Correction:
         """
         Return the current pose of the rail [m, m, rad]; None if no axis is usable.
 
-        Axes that are not usable are 0, and a correction that is disabled changes nothing.
+        Axes that are not usable are 0, and a disabled correction does not change this pose.
         """
         if self.age(now) > ESTIMATOR_SILENCE or not any(self.usable):
             return None

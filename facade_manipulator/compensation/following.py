@@ -21,7 +21,7 @@ class Following:
     LEAST_SPEED = 0.02
     # s, time constant with which the lag is measured: drives change it slowly
     LAG_MEMORY = 10.0
-    GREATEST_LAG = 0.05  # s, maximum that is compensated: a larger one is a fault
+    GREATEST_LAG = 0.05  # s, maximum compensated lag; a larger lag is a fault
 
     def __init__(self) -> None:
         self._path: TimedBuffer[Pose, MotionState] = TimedBuffer(_motion)
@@ -48,8 +48,9 @@ class Following:
         """
         Compare the head pose measured at a stamp [s, monotonic] with the published path.
 
-        Without a path the head follows it. Raises an InputError if the pose is not newer than the
-        previous pose, but at most `KEPT_TIME` older: more means that the clock was set back.
+        Without a path, the head counts as following its path. Raises an InputError if the pose is
+        not newer than the previous pose. A pose that is more than `KEPT_TIME` older is accepted,
+        because the clock was set back.
         """
         if self._head is not None and 0.0 <= self._head[0] - stamp <= KEPT_TIME:
             raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)

@@ -28,7 +28,7 @@ class Goal(NamedTuple):
     """Goal of the head on the wall."""
 
     pose: Pose  #: [m, m, rad]
-    stamp: str  #: on compensator/goal_status, in seconds
+    stamp: str  #: text of the stamp on compensator/goal_status [s]
     received: float  #: [s, monotonic]
 
 
@@ -95,9 +95,9 @@ class GoalTracker:
     """
     Tracker of the newest goal, which publishes every change of its state.
 
-    The node calls `receive` for a goal that is inside the workspace and no repetition. The goal
-    then waits for `follow` or `refuse`, and a followed goal for `end`. The node calls `update` at
-    20 Hz, and `reject` for a goal that cannot be followed at all.
+    The node calls `receive` for a goal that is inside the workspace and is not a repetition. The
+    goal then waits for `follow` or `refuse`, and a followed goal for `end`. The node calls
+    `update` at 20 Hz, and `reject` for a goal that cannot be followed at all.
 
     Parameters
     ----------
@@ -173,8 +173,8 @@ class GoalTracker:
         """
         Answer a repetition of an earlier goal; return whether the goal is a repetition.
 
-        A goal with a stamp is answered once: after its rejection or its end, the answer is
-        published again. A goal without a stamp repeats the newest goal while this waits or is
+        Each stamp has one answer. After the goal was rejected or has ended, this answer is
+        published again. A goal without a stamp repeats the newest goal while that goal waits or is
         followed.
         """
         newest = self._goal
@@ -273,9 +273,9 @@ class GoalTracker:
         Return the state of the followed goal, and the reason for this state.
 
         A goal is held back by a limit, by pressing that cannot reach its force, or for another
-        reason after the path has ended, which is logged unless the goal was held back before.
-        While pressing has not reached its force, its phase is the reason, also in state MOVING,
-        and no other reason is sought.
+        reason after the path has ended. This other reason is logged unless the goal was held back
+        before. While pressing has not reached its force, its phase is the only reason, also in
+        state MOVING.
         """
         compensator = self._compensator
         pressing = compensator.contact.pressing
@@ -365,7 +365,7 @@ def late_reason(compensator: Compensator, now: float) -> str:
 def uncorrected_reason(correction: Correction, now: float) -> str:
     """Return the reason why the correction is off or about to end, or ``''``."""
     if correction.is_silent(now):
-        # without a changing figure, because each change of the text is published
+        # without a changing number, because each change of the text is published
         return (
             f'no valid estimate for more than {ESTIMATOR_SILENCE:g} s, and the correction '
             f'fades out after {FADE_AFTER:g} s: {correction.silence_cause(now)}'

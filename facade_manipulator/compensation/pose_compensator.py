@@ -69,9 +69,10 @@ class CompensationSettings:
         """
         Return the lead time of corrected poses [s].
 
-        Without a set horizon it is the delay of the commands: two periods, because the drives
-        latch a target at the next SYNC and interpolate to it for one more, their lag, and the
-        time until a setpoint is read. A setpoint that is read later is extrapolated.
+        Without a set horizon, the lead time is the delay of the commands: two periods, the lag of
+        the drives, and the time until a setpoint is read. The drives latch a target at the next
+        SYNC, and interpolate to it for one more period. A setpoint that is read later is
+        extrapolated.
         """
         return self.horizon or 2.0 / self.rate + self.DRIVE_LAG + self.TRANSPORT
 
@@ -142,7 +143,7 @@ class Compensator:
         """
         Change the live parameters of a component, without a jump of the pose.
 
-        Raises a ValueError for another part than ``'contact'`` and ``'lateral'``.
+        Raises a ValueError for a part other than ``'contact'`` and ``'lateral'``.
         """
         if part == 'contact':
             self.contact.pressing.settings = settings
@@ -168,7 +169,7 @@ class Compensator:
 
     def drop_goal(self) -> None:
         """
-        Drop the goal and end pressing: `update` returns None.
+        Drop the goal and end pressing; `update` then returns None.
 
         The path to the next goal begins at the head's pose.
         """
@@ -180,7 +181,8 @@ class Compensator:
         """
         End the path to the goal; return the pose on the wall at which the path stops [m, m, rad].
 
-        A head that presses, or looks for the wall, retracts and waits there for the next goal.
+        A head that presses, or approaches the wall to press, retracts and waits there for the next
+        goal.
 
         Raises a ManipulatorError if the head follows no goal.
         """
@@ -199,9 +201,9 @@ class Compensator:
         """
         Return the goal, shifted by the contact, minus the head's pose on the wall [m, m, rad].
 
-        Return None without a goal, a recent pose of the head, or the place of the rail: it is
-        unknown while the estimates are silent or an axis is not usable. Before the first estimate
-        the rail counts as at rest.
+        Return None without a goal, without a recent pose of the head, or while the pose of the
+        rail is unknown. The pose of the rail is unknown while the estimates are silent or an axis
+        is not usable. Before the first estimate the rail counts as at rest.
         """
         newest = self.following.newest(now)
         if newest is None or self.goal is None:
@@ -316,7 +318,7 @@ class Compensator:
         return self.contact.shift(now, reach_time, interval, reference, surroundings)
 
     def _begin_goal(self, reach_time: float, goal: Pose) -> None:
-        """Let the contact follow a new goal; the path takes over a shift that ends with it."""
+        """Let the contact follow a new goal; the path takes over a shift that the contact ends."""
         before = self.contact.present
         self.contact.pressing.follow_goal()
         ended = subtract(before, self.contact.present)

@@ -114,7 +114,7 @@ class WorkspaceLimit:
         """
         Return a platform pose inside the softened limits, and the part removed.
 
-        Each limit depends on those before it: y, then yaw at this y, then x at both.
+        The order of the limits is: y, yaw at this y, x at this y and yaw.
         """
         y = soft_clamp(pose.y, *self._span_y, self.Y_KNEE)
         yaw = self._greatest_yaw(y)
@@ -129,7 +129,7 @@ class WorkspaceLimit:
         """
         Return the y-interval [m] at θ = 0, which is never behind the rail.
 
-        Carriage gap and reach give its ends, or conditioning and stroke if they end it earlier.
+        Carriage gap and reach define its ends; conditioning or stroke may end it earlier.
         """
         nearest = max(math.sqrt(max(-self._order, 0.0)), self._margin)
         step = (self._reach - nearest) / (self.SEARCHED_PLACES - 1)
