@@ -7,7 +7,7 @@ One thread does the work, turn by turn:
    no bus is open, it waits for the node instead.
 2. It reads all commands of the node, then the newest messages of the stream. A setpoint is
    therefore used by the next step after its arrival. A stop acts when it is read.
-3. It does the step if that is due: supervise the drives, choose and send their targets.
+3. It executes the step if the step is due: supervise the drives, choose and send their targets.
 4. It sends states and replies, without waiting.
 
 The kernel ends a process that hangs in a turn (`HangAlarm`). A second thread writes the log. This
@@ -85,8 +85,9 @@ class ControlLoop:
     """
     Owner of the drive controller, which exchanges messages with the node.
 
-    A test may pass its clock and its machine: follower and controller on a bus of the test. The
-    alarm is that of a process for itself. Raises the ParameterErrors of `DriveController`.
+    A test may pass its own clock and its own machine, that is, follower and controller on a bus of
+    the test. The alarm is that of a process for itself. Raises the ParameterErrors of
+    `DriveController`.
     """
 
     IDLE_WAIT = 0.05  # s without a bus; maximum delay of a signal
@@ -133,7 +134,11 @@ class ControlLoop:
         }
 
     def _open_bus(self) -> CanBus:
-        """Open the bus without the alarm: some interfaces need 10 s; no drive has power yet."""
+        """
+        Open the bus without the alarm, because some interfaces need 10 s.
+
+        No drive has power yet.
+        """
         if self._alarm is not None:
             self._alarm.set(0.0)
         try:
@@ -259,7 +264,11 @@ class ControlLoop:
         self.controller.request(name, send_reply)
 
     def _change_limits(self, limits: MotionLimits) -> None:
-        """Apply limits and check their ranges; the node has analysed them, which takes 5 ms."""
+        """
+        Apply limits, and check only their ranges.
+
+        The node has already run the stopping analysis, which takes 5 ms.
+        """
         self.follower.change_limits(replace(limits))
 
     @property
@@ -275,7 +284,7 @@ class ControlLoop:
         self._channel.send('state', snapshot, self.follower.status)
 
 
-SETUP_TIMEOUT = 10.0  # s, that the node has for sending the setup
+SETUP_TIMEOUT = 10.0  # s, maximum time until the node has sent the setup
 
 
 def main(commands: int, stream: int) -> int:
@@ -284,7 +293,8 @@ def main(commands: int, stream: int) -> int:
 
     The arguments are the file descriptors of the channel's sockets.
     """
-    # a terminal's signals concern the node, which asks for an orderly end; SIGTERM asks by itself
+    # signals of a terminal are for the node, which requests an orderly end; SIGTERM requests an
+    # end directly
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
@@ -328,7 +338,7 @@ def _start_logging() -> None:
     listener = QueueListener(SimpleQueue[Any](), output)
     logging.getLogger().addHandler(QueueHandler(listener.queue))
     logging.getLogger('facade_manipulator').setLevel(logging.INFO)
-    # its errors are messages of ours
+    # the controller reports errors of this library in its own messages
     logging.getLogger('canopen').setLevel(logging.CRITICAL)
     listener.start()
     atexit.register(listener.stop)

@@ -1,9 +1,9 @@
 """
 Channel for whole messages between two processes; it uses two Unix socket pairs and never waits.
 
-SOCK_SEQPACKET sockets keep messages whole, and their buffers are the bound. *Commands* arrive, all
-and in order. Messages of the *stream* may get lost, because the next ones replace them. A flood of
-the stream therefore delays no command.
+SOCK_SEQPACKET sockets keep messages whole, and the size of their buffers limits the number of
+messages. All *commands* arrive, in order. Messages of the *stream* may get lost, because the next
+messages replace them. A flood of the stream therefore delays no command.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ def _reduce_dataclass(value: object) -> tuple[type, tuple[Any, ...]]:
     return type(value), tuple(vars(value).values())
 
 
-# A state is sent 100 times a second. By the values of its parts, pickle writes and reads it in 20
-# us, by its own calls of their methods in 60 us.
+# A state is sent 100 times a second. From the values of its parts, pickle writes and reads a state
+# in 20 us. By calling the methods of the parts, pickle would need 60 us.
 for _part in (ControllerSnapshot, AxisSnapshot, StreamStatus):
     copyreg.pickle(_part, _reduce_tuple)
 for _counters in (CycleStatistics, BusStatistics):
@@ -109,7 +109,7 @@ class Channel:
     """
 
     STREAM = frozenset({'setpoint', 'forces', 'state', 'rejected'})
-    SEND_BUFFER = 1 << 17  # bytes: some 250 commands
+    SEND_BUFFER = 1 << 17  # bytes, about 250 commands
 
     def __init__(self, commands: socket.socket, stream: socket.socket) -> None:
         for end in (commands, stream):
@@ -176,7 +176,7 @@ def _poll_of(end: socket.socket) -> select.poll:
 
 def _receive(end: socket.socket, poll: select.poll) -> bytes | None:
     """Return a waiting message; None without a message, ``b''`` if the other end is closed."""
-    # the exception of an empty socket would take 4 us, this takes 1 us
+    # the exception of an empty socket would take 4 us, a poll takes 1 us
     if not poll.poll(0):
         return None
     try:
@@ -194,5 +194,6 @@ def _message(end: socket.socket) -> bytes:
     try:
         return end.recv(LONGEST_MESSAGE, _WITHOUT_WAITING)
     except ConnectionResetError:
-        # the other process has ended before it read all; its own messages come after this
+        # the other process has ended before it read all messages; its own messages follow this
+        # error
         return end.recv(LONGEST_MESSAGE, _WITHOUT_WAITING)

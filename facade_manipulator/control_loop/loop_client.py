@@ -3,8 +3,8 @@ Client of the control loop in the node: starts its process, sends requests, rece
 
 Only the first start and `close` wait. The node reads the messages of the loop when it feeds the
 loop or takes states. A thread that waited for them would take the interpreter from the executor in
-each cycle. The node restarts a process that has ended only for the next `configure`: the drives
-have stopped, and the operator configures them again.
+each cycle. The node restarts a process that has ended only for the next `configure`, because the
+drives have stopped and the operator must configure them again.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from facade_manipulator.package_files import import_path
 from facade_manipulator.timeouts import CLOSE_TIMEOUT
 
 FEED_PERIOD = 0.05  # s; halt is answered within 0.1 s
-START_CODE = (  # the new interpreter imports from where this one does
+START_CODE = (  # the new interpreter has the import path of this one
     'import sys; sys.path[:] = sys.argv[3:]; '
     'from facade_manipulator.control_loop import control_loop; '
     'sys.exit(control_loop.main(*map(int, sys.argv[1:3])))'
@@ -54,9 +54,9 @@ def start_process(*ends: socket.socket) -> subprocess.Popen[bytes]:
     """
     Start the loop in a separate process, which inherits both sockets of a channel end.
 
-    It is a new interpreter instead of a fork, without the threads, locks and libraries of this
-    process. It has its own session, so that the signals of a terminal reach only the node, which
-    then asks for an orderly end. It is isolated, so that neither the working directory nor a
+    The process is a new interpreter instead of a fork, without the threads, locks and libraries of
+    this process. It has its own session, so that the signals of a terminal reach only the node,
+    which then requests an orderly end. It is isolated, so that neither the working directory nor a
     user's folder of packages puts its own modules into the loop.
     """
     numbers = [end.fileno() for end in ends]
@@ -76,26 +76,27 @@ class LoopClient:
     """
     Interface between the node and the control loop, used by a single thread.
 
-    `on_rejection` takes reason and message of a setpoint that the loop has rejected. It is called
-    by `read`, as is the function that takes the reply to a request. The result of `launch` needs
-    only `wait` and `kill` of a process. Raises a ManipulatorError if the process does not start,
-    or its settings contradict each other.
+    `on_rejection` takes reason and message of a setpoint that the loop has rejected. The method
+    `read` calls it, and also calls the functions that take the replies to requests. The result of
+    `launch` needs only `wait` and `kill` of a process. Raises a ManipulatorError if the process
+    does not start, or if its settings contradict each other.
     """
 
     START_TIMEOUT = 30.0  # s
-    # feeds, 3 s: without a bus the loop sends a state each second. The bound is not a time,
-    # because a node that hung itself finds old states of a healthy loop.
+    # number of feeds in 3 s; without a bus the loop sends a state each second. The limit is not a
+    # time, because a node that hung itself would find old states of a healthy loop.
     MAX_UNANSWERED = 60
-    # 30 s: a process takes long to start, some interfaces take long to open, and nothing runs then
+    # number of feeds in 30 s: a process takes long to start, some interfaces take long to open,
+    # and no drive runs then
     MAX_UNANSWERED_WITHOUT_BUS = {
         ControllerState.LOST: 600,  # the state until a restarted loop sends its own
         ControllerState.UNCONFIGURED: 600,
         ControllerState.BUS_LOST: 600,
     }
-    # without an answer: a loop that opens an interface reads nothing, and its channel must not
-    # become full
+    # feeds without an answer; a loop that opens an interface reads nothing, and its channel must
+    # not become full
     MOST_FEEDS = 100
-    MOST_STATES = 200  # that wait: those of two seconds
+    MOST_STATES = 200  # waiting states: those of two seconds
     # exit status of a loop that the alarm of the kernel has ended
     HUNG = -signal.SIGALRM
     STOP_BY_HEARTBEAT = 'the drives stop because its heartbeat is missing'
@@ -119,7 +120,7 @@ class LoopClient:
         self._state: tuple[ControllerSnapshot, StreamStatus]
         #: requests without a reply, by number
         self._pending: dict[int, OnReply] = {}
-        #: replies that were received, and not passed on yet
+        #: received replies that were not passed on yet
         self._replies: deque[tuple[OnReply, Any]] = deque()
         # states that the node has not taken yet
         self._states: deque[ControllerSnapshot] = deque(maxlen=self.MOST_STATES)
@@ -302,7 +303,7 @@ class LoopClient:
             number, succeeded, answer = content
             reply = answer if succeeded else DriveError(answer)
             self._replies.append((self._pending.pop(number), reply))
-        elif kind == 'failed':  # a loop that was started again
+        elif kind == 'failed':  # from a restarted loop
             _end(self._process, 1.0)
             self._lose(f'the control loop did not start: {content[0]}')
 
