@@ -1,9 +1,9 @@
 """
 Filter steps of the last 0.4 s, with which a late measurement is applied at its stamp.
 
-A measurement belongs to the first step that is not earlier. Inputs and measurements after it are
-applied again, with the same levels of the wall. The result equals that of measurements without
-latency.
+A measurement belongs to the first step that is not earlier. Inputs and measurements after this
+measurement are applied again, with the same levels of the wall. The result equals that of
+measurements without latency.
 """
 
 from __future__ import annotations

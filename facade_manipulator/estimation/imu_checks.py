@@ -14,7 +14,7 @@ from facade_manipulator.kinematics import GRAVITY
 
 OLDEST_MEASUREMENT = 0.3  # s, maximum age of a measurement
 SENSOR_CLOCK_TOLERANCE = 0.01  # s, maximum difference of clocks
-# rad/s and m/s²: beyond them an IMU is saturated or broken
+# rad/s and m/s²; beyond these limits an IMU is saturated or broken
 LARGEST_RATE = 4.0
 LARGEST_FORCE = 30.0
 

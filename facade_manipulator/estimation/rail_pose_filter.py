@@ -1,9 +1,9 @@
 """
 Estimator of the rail's pose on the façade, from an IMU and wall sensors.
 
-An extended Kalman filter over the last 0.4 s, driven by the IMU: `rail_pose_model` contains the
-equations, `history` puts late measurements in order, `wall_depth_levels` finds the level of the
-wall to which a measurement belongs.
+The estimator is an extended Kalman filter over the last 0.4 s, driven by the IMU.
+`rail_pose_model` contains the equations, and `history` puts late measurements in order.
+`wall_depth_levels` finds the level of the wall to which a measurement belongs.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ class DisturbanceEstimator:
     """
 
     LONGEST_PAUSE_OF_CALLS = 0.5  # s between two calls, after which all axes restart
-    # m², m², rad²: above these variances x, y and yaw count as unknown; ten times as much is then
-    # published
+    # m², m², rad²: above these variances x, y and yaw count as unknown; ten times the variance is
+    # then published
     GIVEN_UP = (0.1, 0.1, 0.01)
     LOST = 1.0  # s of rejected measurements, after which an axis restarts
     # s without a measurement of the IMU, after which the filter coasts
@@ -140,7 +140,7 @@ class DisturbanceEstimator:
         last = self._gate.newest
         stamp, newest = self._gate.check(now, stamp, rates, forces)
         mean = mean_input(last or newest, newest, 0.5)
-        # The first interval is infinite; any value will do, because only changes are compared.
+        # The first interval is infinite; any value is suitable, because only changes are compared.
         self._comparison.turned += newest[2] * min(stamp - before, self.IMU_SILENCE)
         if self.is_coasting:
             self.is_coasting = False
@@ -189,7 +189,7 @@ class DisturbanceEstimator:
         None while no axis is known, or after a fault.
         """
         self._set_time(now)
-        # by arrival: stamps of a late IMU would always seem old
+        # by arrival, because the stamps of a late IMU would always seem old
         silence = now - self._gate.arrival
         if silence > self.IMU_SILENCE:
             if not self.is_coasting:

@@ -78,8 +78,8 @@ def update(
     """
     Return the state after correction with a scalar measurement.
 
-    `cross` is P Hᵀ, the covariance of state and measurement; `variance` is H P Hᵀ + R. The
-    covariance is reduced by a share of what independent measurements would allow.
+    `cross` is P Hᵀ, the covariance of state and measurement; `variance` is H P Hᵀ + R. `share` is
+    the applied share of the covariance reduction that independent measurements would allow.
     """
     mean = state.mean + cross * (residual / variance)
     reduction = np.multiply.outer(cross, cross * (share / variance))
@@ -394,7 +394,7 @@ def pose_sensors(
 
 
 # s, correlation time of the delay of a fix: for a constant delay the variance would fall to 0,
-# although errors of the model look like a delay
+# although model errors act like a delay
 DELAY_TIME = 60.0
 PLACE_LENGTH = 0.02  # m, correlation length of the errors of places on the wall
 

@@ -17,7 +17,7 @@ class FirstMeasurements:
 
     START_TIME = 0.3  # s, duration of the measurements that start an axis
     FEWEST_MEASUREMENTS = 4  # minimum number of measurements of a sensor
-    # Share of measurements used: if half are of the wall, the others win 1 time in 6000
+    # Share of measurements used; if half are of the wall, the outliers win 1 time in 6000
     DENSEST = 0.2
 
     def __init__(self) -> None:

@@ -31,7 +31,7 @@ class Level:
     Surface at an offset [m] behind the wall plane, such as a recess or a mullion.
 
     The offset of a found level contains the error of the state at that time. Therefore its
-    measurements reduce the variance of the state at most to that of the offset.
+    measurements reduce the variance of the state at most to the variance of the offset.
     """
 
     offset: float
@@ -53,11 +53,11 @@ class Level:
 class Channel:
     """Wall sensor: its levels, which the distance sensors share, and its statistics."""
 
-    GATE = 4.0  # standard deviations: rejects 1 of 16 000 good measurements
+    GATE = 4.0  # standard deviations; rejects 1 of 16 000 good measurements
     COASTING_GATE = 10.0  # without an IMU, because only an IMU shows a push
     # minimum distance of a new level from each known one, in standard deviations
     NEW_LEVEL = 8.0
-    # m or rad, minimum between two levels: less than a mullion, more than a joint
+    # m or rad, minimum between two levels; less than a mullion, more than a joint
     NEAREST = 3e-3
     # standard deviations of the noise, within which measurements agree
     AGREEMENT_TOLERANCE = 6.0
@@ -68,7 +68,7 @@ class Channel:
     # expectation after a long outage is so uncertain that both fit
     PREFERENCE = 2.0
     MOST = 12  # levels that are kept
-    LARGEST = 20.0  # m or rad: a larger distance was sent in another unit
+    LARGEST = 20.0  # m or rad; a larger distance was sent in another unit
 
     def __init__(self, sensor: WallSensor, levels: list[Level]) -> None:
         self.sensor = sensor
@@ -80,7 +80,7 @@ class Channel:
         self.counts: Counter[str] = Counter()
         self.period = math.nan  #: mean time between measurements [s]
         self.age = math.nan  #: mean age of measurements on arrival [s]
-        #: mean normalised innovation squared: 1 if the noise is right
+        #: mean normalised innovation squared; 1 if the configured noise is right
         self.square = 1.0
         self._tolerance = max(self.NEAREST, self.AGREEMENT_TOLERANCE * sensor.noise)
         self.reset()
@@ -215,8 +215,8 @@ class Channel:
         """
         Return an event for the first measurement after an outage if its level is a guess.
 
-        It is a guess if the expectation, of the given variance [m²], leaves room for an unknown
-        level, and if the level makes it more certain.
+        The level is a guess if the expectation, of the given variance [m²], leaves room for an
+        unknown level, and if the level makes the expectation more certain.
         """
         silence = stamp - self.fitted
         if silence <= self.LEVEL_SPAN or known - level.variance <= self.NEAREST**2:
