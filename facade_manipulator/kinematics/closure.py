@@ -1,8 +1,8 @@
 """
 Closure of both links: compute the platform pose from three carriage positions.
 
-It reduces to a cubic in c = cos θ, which is not in the paper. With D = q2 − q1,
-S = q1 + q2 − 2 q3, e = S²/4 and K0 = l² − b² − D²/4::
+The problem reduces to a cubic in c = cos θ, which is not in the paper. With D = q2 − q1, S = q1 +
+q2 − 2 q3, e = S²/4 and K0 = l² − b² − D²/4::
 
     y²  = K0 − e + b D c,      y s = S (2 b c − D)/(4 b),      f(c) = 0,
     f(c) = b D c³ + K0 c² − D (b + e/b) c + e (1 + D²/(4b²)) − K0.
@@ -204,8 +204,8 @@ def require_branch(
     """
     Require that the links close on the machine's branch for a platform at y and θ.
 
-    Its inverse kinematics must be left and right, the positions of A1 and A2 from A3; y and they
-    in m, θ in rad. Raises an UnreachableError or a SingularityError.
+    Its inverse kinematics must be `left` and `right`, the positions of A1 and A2 from A3. These
+    positions and y are in m, θ is in rad. Raises an UnreachableError or a SingularityError.
     """
     try:
         at = links(sides, y, theta)
@@ -278,7 +278,8 @@ def _working_mode_error(projection1: float, projection2: float) -> UnreachableEr
     """
     Return the error for links whose projections [m] are not both positive.
 
-    It names the lesser projection, which is that of the carriage farther beyond its joint B.
+    The error names the lesser projection, which is that of the carriage farther beyond its joint
+    B.
     """
     name = 'q1 - q3'
     projection = projection1

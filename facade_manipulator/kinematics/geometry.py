@@ -50,7 +50,7 @@ AXIS_NAMES = Carriages._fields
 #: a value of each carriage in the order of `AXIS_NAMES`, such as `Carriages`
 PerCarriage = Sequence[float]
 # lengths l1, l2, b1 and b2 [m]: of the links, and from P to the joints B1 and B2 of the platform.
-# A plain tuple is unpacked in half the time of a named one.
+# A plain tuple is unpacked in half the time of a named tuple.
 Sides = tuple[float, float, float, float]
 GRAVITY = 9.81  # m/s²
 

@@ -71,8 +71,8 @@ def links(
     sin, cos : callable
         Those of numpy for arrays.
     root : callable
-        Square root of s1² and s2², which are negative out of reach. The default raises a
-        ValueError there; that of numpy returns NaN, and another may return 0.
+        Square root of s1² and s2², which are negative out of reach. Out of reach, the default
+        raises a ValueError, that of numpy returns NaN, and another function may return 0.
 
     """
     link1, link2, half1, half2 = sides

@@ -32,8 +32,8 @@ class PoseMap(NamedTuple):
     Map of the workspace over (y, θ); each field has the broadcast shape.
 
     ``lower`` and ``upper`` are the ends of the reachable x [m], NaN if reach, order, gap or stroke
-    leave none. ``conditioning`` is the local conditioning index and ``number`` the N of the
-    parallel singularity [m²]; both are NaN only beyond reach.
+    leave no reachable x. ``conditioning`` is the local conditioning index and ``number`` the N of
+    the parallel singularity [m²]; both are NaN only beyond reach.
     """
 
     lower: np.ndarray

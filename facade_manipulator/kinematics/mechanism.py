@@ -77,8 +77,8 @@ class Mechanism:
     """
     Immutable kinematics of a machine; `Geometry.drawn` is the kinematics without errors.
 
-    The nodes use it for each setpoint and each measured position, the driver for targets and
-    measured positions near a limit (`MechanismCheck`).
+    The nodes use it for each setpoint and each measured position. The driver uses it for targets
+    and measured positions near a limit (`MechanismCheck`).
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
 """
 Kinematics of the nominal `Geometry`; it uses only l, b, stroke and gap.
 
-Most call `Geometry.drawn`, the `Mechanism` without calibration errors. The conditioning index
-mixes metres and radians, so it depends on the unit of length. In millimetres, as in the paper, the
-index is low only at the far edge of the workspace. With a characteristic length near the machine's
-size it is also low near the rail, where authority is weak.
+Most functions call `Geometry.drawn`, the `Mechanism` without calibration errors. The conditioning
+index mixes metres and radians, so it depends on the unit of length. In millimetres, as in the
+paper, the index is low only at the far edge of the workspace. With a characteristic length near
+the machine's size it is also low near the rail, where authority is weak.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> tuple[Pose, ...]
 
     Two poses are in front of the rail and two are their mirror images behind it; any working mode
     is possible. Poses are sorted by decreasing cos θ, then by decreasing y. If the machine can
-    take one of them, the first is the pose of `forward_kinematics`.
+    take one of these poses, the first is the pose of `forward_kinematics`.
 
     Raises
     ------
