@@ -3,7 +3,7 @@ Follower of the setpoint stream in the driver: checks, interpolation and motion 
 
 Each setpoint states the instant at which the carriages should reach it. Between two setpoints the
 carriages follow a cubic curve. Shortly beyond the newest setpoint they keep its velocity, unless
-the stream has only one setpoint. They then brake and hold, so that a silent stream moves no
+the stream has only one setpoint. Afterwards they brake and hold, so that a silent stream moves no
 carriage. Senders give the mean velocity since the previous setpoint. When the next setpoint
 arrives, the velocity becomes that of the parabola through all three.
 """
@@ -33,7 +33,7 @@ from facade_manipulator.motion.setpoints import (
 from facade_manipulator.motion.timed_buffer import TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
-OLDEST_SETPOINT = 0.2  # s, maximum age of a setpoint: an older one is useless
+OLDEST_SETPOINT = 0.2  # s, maximum age of a setpoint; an older setpoint is useless
 
 
 @settings
@@ -93,9 +93,9 @@ class SetpointFollower:
 
     """
 
-    # factor on the limits: carriages lag up to here; a setpoint beyond is wrong
+    # factor on the limits; carriages lag up to this factor, and a setpoint beyond it is wrong
     TOLERATED = 2.0
-    # s, the longest horizon of a compensator: beyond it a clock is wrong
+    # s, longest horizon of a compensator; a stamp farther ahead means that a clock is wrong
     EARLIEST = 0.5
 
     # causes of a brake
@@ -177,8 +177,8 @@ class SetpointFollower:
         """
         Continue from the last command after the drives have held it for more than a period.
 
-        All axes are assumed to have braked for these seconds. A command at full speed would
-        otherwise exceed the drives' following error window.
+        All axes are assumed to have braked for this time. A command at full speed would otherwise
+        exceed the drives' following error window.
         """
         if self.motion is None:
             return
@@ -204,8 +204,8 @@ class SetpointFollower:
         Raises
         ------
         InputError
-            The setpoint is stale, in the future, out of order or contradicts itself, or no
-            position is held yet.
+            The setpoint is stale, in the future, out of order or inconsistent, or the follower
+            holds no position yet.
         ManipulatorError
             `check` rejects the positions, or a jump or velocity is far beyond limits
             (SetpointLimitError).
@@ -221,7 +221,7 @@ class SetpointFollower:
         last = self._predecessor(setpoint.time, now)
         is_first = last is None
         if last is None:
-            # without a time of its own, only its step and its speed are checked
+            # only the step and the speed of a first setpoint are checked
             last = Setpoint(-math.inf, self.motion.position, setpoint.velocity)
         first_step = self.settings.first_step
         require_possible(

@@ -26,7 +26,7 @@ class ReferenceSettings:
     Limits of the head's path, on the wall and on the rail, for x, y and θ.
 
     Compensator and ik_service have the same group ``reference``, because a pose that only one of
-    both accepts would stop the head on its path.
+    the nodes accepts would stop the head on its path.
     """
 
     speed: tuple[float, ...] = parameter(
@@ -76,7 +76,8 @@ class ReferencePath:
     The path to a new goal begins with the present motion. From rest it is straight.
     """
 
-    # s: the path is within 1e-18 m of its end, and a clock since 1970 resolves a quarter of it
+    # s; the path is then within 1e-18 m of its end, and a clock since 1970 resolves a quarter of
+    # this time
     LAST_INSTANT = 1e-6
 
     def __init__(self, settings: ReferenceSettings) -> None:

@@ -25,7 +25,7 @@ class RailPose(NamedTuple):
 
 class PoseFollower:
     """
-    Follower of a pose stream, which approaches a single pose from the measured head pose.
+    Follower of a pose stream; it approaches a single pose from the measured head pose.
 
     The ik_service calls `follow` for each pose, and `step` 100 times a second while the follower
     `is_approaching`. All times are on one clock [s].

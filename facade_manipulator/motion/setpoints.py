@@ -1,7 +1,8 @@
 """
 Setpoints: compute them from poses, check them in sequence, and interpolate them.
 
-Each pose is certified and solved for its carriages; its velocity is that of the stream of poses.
+Each pose is certified and solved for its carriages; its velocity is computed from the stream of
+poses.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def require_within(
             )
 
 
-# s: within less, a source that compensates the backlash of its screws changes the velocity
+# s; in a shorter time, a source that compensates the backlash of its screws changes the velocity
 SHORTEST_INTERVAL = 0.02
 
 
@@ -134,8 +135,8 @@ def interpolate(
 class SetpointStream:
     """Converter of a stream of poses to setpoints, which checks each pose."""
 
-    PATH_SPACING = 0.005  # m, between the poses of a path where the request names none
-    LONGEST_PATH = 10000  # steps: a mistyped spacing must not block the node for long
+    PATH_SPACING = 0.005  # m, between the poses of a path by default
+    LONGEST_PATH = 10000  # steps; a mistyped spacing must not block the node for long
 
     def __init__(self, geometry: kinematics.Geometry, min_conditioning: float) -> None:
         self.mechanism = kinematics.Mechanism(geometry)
