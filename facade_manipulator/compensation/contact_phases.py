@@ -418,7 +418,7 @@ class Pressing:
         )
 
     def _follow_touch(self, interval: float) -> None:
-        """Raise the force over an interval [s] after a touch; approach again after a lost touch."""
+        """Raise the force over an interval [s] after a touch; approach again without touch."""
         ramp = self.ramp
         is_touching = ramp.is_touching(self.normal.law.force, self.settings.force)
         ramp.note_touch(interval, is_touching)
