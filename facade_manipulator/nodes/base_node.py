@@ -47,7 +47,7 @@ class BaseNode(Node):
 
     diagnostics: Diagnostics
     wants_priority = False
-    _is_made = False  # the callbacks before that are services of rclpy
+    _is_made = False  # callbacks created before belong to services of rclpy
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)

@@ -36,12 +36,13 @@ class CommandGate(Generic[C]):
     """
     Gate that passes only the commands received while the drives are active.
 
-    It is open while driver/status reports active drives. It is also open if no driver/status was
-    received within `patience` of the start, because a driver of another make publishes none.
+    The gate is open while driver/status reports active drives. It is also open if no driver/status
+    was received within `patience` of the start, because a driver of another make publishes no
+    status.
 
-    A closed gate holds the newest command for `patience`: a command that follows the activation
-    may arrive before the driver's status. The command passes if it was received after the
-    activation, and is rejected otherwise, once.
+    A closed gate holds the newest command for `patience`, because a command that follows the
+    activation may arrive before the driver's status. The command passes if it was received after
+    the activation. Otherwise it is rejected once.
 
     The node calls `offer` for each command, `watch_driver` once, and `update` every `GATE_PERIOD`.
     Times are on the monotonic clock [s], because the system clock may be set.

@@ -62,7 +62,7 @@ class CompensatorNode(BaseNode):
     Parameters
     ----------
     connects_later : bool
-        Whether the caller calls `connect`, because an ik_service may run in this process.
+        Whether the caller calls `connect`; needed if an ik_service runs in the same process.
 
     """
 
@@ -181,11 +181,11 @@ class CompensatorNode(BaseNode):
 
     def _add_estimate(self, message: PoseWithCovarianceStamped | Odometry) -> None:
         """
-        Pass a disturbance, measured at the rail or at an estimator on it, to the compensator.
+        Pass a disturbance to the compensator, measured at the rail or at an estimator on it.
 
         Raises an InputError for a malformed or impossible estimate.
         """
-        # only Odometry has it
+        # only Odometry contains this field
         child = getattr(message, 'child_frame_id', self._frames.rail)
         if not child:
             raise InputError(

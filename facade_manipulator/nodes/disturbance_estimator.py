@@ -64,7 +64,8 @@ class DisturbanceEstimatorNode(BaseNode):
             str, tuple[int, int]
         ] = {}  # used and outliers at the previous look
 
-        # of each channel: not ended by a valid measurement, which `sensor_outcome` sees by its age
+        # rejections of each channel; valid measurements do not end them, because
+        # `sensor_outcome` checks the age
         self._rejections = {name: Rejections() for name in self._estimator.channels}
 
         self.diagnostics = Diagnostics(self, self._components)
@@ -250,8 +251,8 @@ def sensor_outcome(
     """
     Return level and message of one sensor.
 
-    They depend on the age of the newest valid measurement [s], the counts since the previous
-    look, and the message of the recent rejections, ``''`` for none.
+    Both depend on the age of the newest valid measurement [s], the counts since the previous look,
+    and the message of the recent rejections, ``''`` for none.
     """
     if age >= SENSOR_SILENCE and rejection:
         return 'warn', f'each measurement is rejected: {rejection}'

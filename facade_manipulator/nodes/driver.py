@@ -1,8 +1,8 @@
 """
 Driver node: ROS interface of the control loop, which runs in a separate process.
 
-The node is a managed node: configure starts the bus and checks the drives, activate powers them
-on. A stop of the drives makes the node inactive. The end of the control loop makes it
+The node is a managed node: configure starts the bus and checks the drives, activate powers the
+drives on. A stop of the drives makes the node inactive. The end of the control loop makes it
 unconfigured, and the next configure starts another loop.
 """
 

@@ -60,8 +60,8 @@ def operation_status(
     """
     Return the component of the drive group, which is also published on driver/status.
 
-    The drives follow setpoints since a time [s, ROS time], which is infinite while they do not.
-    The notes of the node follow those of the drives.
+    `active_since` is the time since which the drives follow setpoints [s, ROS time], infinite
+    while they do not. The notes of the node follow those of the drives.
     """
     return diagnostic_status(
         'operation',

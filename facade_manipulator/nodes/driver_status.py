@@ -49,7 +49,7 @@ class DriverStatus(NamedTuple):
         values = status_values(message)
         try:
             since = float(values['active since'])
-            if not since > -math.inf:  # NaN neither
+            if not since > -math.inf:  # also rejects NaN
                 raise ValueError(f'active since {since}')
             return DriverStatus(
                 values['state'],

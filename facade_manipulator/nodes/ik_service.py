@@ -47,7 +47,7 @@ class IkServiceNode(BaseNode):
     Parameters
     ----------
     connects_later : bool
-        Whether the caller calls `connect`, because a compensator may run in this process.
+        Whether the caller calls `connect`; needed if a compensator runs in the same process.
 
     """
 
@@ -115,7 +115,11 @@ class IkServiceNode(BaseNode):
         self._add_head = add_head
 
     def follow(self, time: float, pose: Pose) -> None:
-        """Follow a pose of a compensator in this process, for a time [s, monotonic]."""
+        """
+        Follow a pose of a compensator in this process.
+
+        `time` is when the head reaches the pose [s, monotonic].
+        """
         command = RailPose(time, pose, monotonic())
         self.inputs.accept(
             topics.CORRECTED_POSE,
@@ -170,7 +174,7 @@ class IkServiceNode(BaseNode):
             self._approach_timer.cancel()
 
     def _send(self, setpoint: Setpoint | None) -> None:
-        """Publish a setpoint; do nothing with None, as before an approach."""
+        """Publish a setpoint, or nothing for None (no setpoint exists before an approach)."""
         if setpoint is None:
             return
         time, position, velocity = setpoint
@@ -256,7 +260,7 @@ class IkServiceNode(BaseNode):
         self.diagnostics.publish_change(self._outcome())
 
     def _outcome(self) -> tuple[str, str]:
-        """Return level and message: goals are followed, or the reason why not."""
+        """Return level and message: goals are followed, or why they are not followed."""
         if self.inputs.fault:
             return 'error', self.inputs.fault
         if self._rejected:

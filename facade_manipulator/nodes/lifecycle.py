@@ -62,7 +62,7 @@ class ManagedNode(BaseNode, LifecycleNode):
         """Log the result of a request, because transition responses contain no text."""
         if is_successful:
             self.get_logger().info(message)
-        elif message != self.last_failure:  # a repeated request fills no disk
+        elif message != self.last_failure:  # a repeated request must not fill the disk
             self.get_logger().error(message)
         self.last_failure = '' if is_successful else message
 
@@ -75,7 +75,7 @@ class ManagedNode(BaseNode, LifecycleNode):
         """
         Offer a service that starts a request, like the functions in `transitions`.
 
-        `answer` makes a response other than of Trigger from the reply.
+        `answer` converts the reply to a response, if its type is not that of Trigger.
         """
         answer = answer or self._trigger_response
 

@@ -154,8 +154,8 @@ def reject_unknown_parameters(
     Raise a ParameterError if a node is given a parameter that it does not have.
 
     ROS ignores such a parameter, and the default would stay in force unnoticed. A section for all
-    nodes may contain parameters of a node in another process; a name of no node is logged unless
-    its group is known. `args` are the arguments of the process, by default `sys.argv`.
+    nodes may contain parameters of a node in another process; a name that no node has is logged
+    unless its group is known. `args` are the arguments of the process, by default `sys.argv`.
     """
     words = pairwise(sys.argv if args is None else args)
     arguments = [_argument(value) for word, value in words if word in ('-p', '--param')]

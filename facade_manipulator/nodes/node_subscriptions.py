@@ -44,7 +44,8 @@ class PublisherWatch:
     Subscriber to the input topics of a node, which also counts the publishers.
 
     The middleware reports a new publisher before its first message. A timer counts again, because
-    the name of its node may arrive later, and for publishers whose messages cannot be received.
+    the name of the publisher's node may arrive later. The timer also finds publishers whose
+    messages cannot be received.
 
     Parameters
     ----------
@@ -62,7 +63,7 @@ class PublisherWatch:
     PUBLISHER_REMEDY = 'next: end one of the nodes, or wait 20 s if a node has crashed'
     ANY_PUBLISHER = qos_profile_sensor_data  # compatible with every publisher
     NAMELESS = '_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_'  # until the name arrives
-    # s: the middleware may report a publisher before the graph lists it
+    # s; the middleware may report a publisher before the graph lists it
     GRAPH_DELAY = 5.0
     # words of the quality of service that a subscription requires, by the kind of its policy
     POLICIES = {

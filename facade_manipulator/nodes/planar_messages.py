@@ -100,7 +100,7 @@ def require_finite(names: Sequence[str], values: Sequence[float], name: str) -> 
         raise InputError.not_finite(f'{name} {part}', value)
 
 
-# of the squared norm of a quaternion, for two digits of each part; tf2 has 0.01
+# tolerance of a quaternion's squared norm, for two digits of each part; that of tf2 is 0.01
 SQUARE_TOLERANCE = 0.02
 POSE_NUMBERS = (
     'x',
@@ -118,7 +118,7 @@ def projected(message: Any, name: str) -> tuple[Pose, OutOfPlane]:
     Return the planar pose nearest to a geometry_msgs/Pose [m, m, rad], and the deviation from it.
 
     The yaw is the turn about z after which only a tilt about an axis in the plane remains. `name`
-    is that of the pose in a rejection, such as ``'goal'``. Raises an InputError with reason
+    is the name of the pose in a rejection, such as ``'goal'``. Raises an InputError with reason
     ``'not_finite'`` or ``'quaternion'``.
     """
     position, q = message.position, message.orientation
@@ -205,7 +205,7 @@ def carriages_from(
     """
     Return finite values of q1, q2 and q3 from a JointState, whose names may have any order.
 
-    `name` is that of the array in a rejection, such as ``'setpoint position'``. Raises an
+    `name` is the name of the array in a rejection, such as ``'setpoint position'``. Raises an
     InputError with reason ``'names'`` or ``'not_finite'``.
     """
     if len(values) != len(names):

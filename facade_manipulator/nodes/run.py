@@ -56,10 +56,10 @@ def run(
 
     The method ``close`` of each node is called while ROS still runs. A `ManipulatorError` at the
     start ends in one line on standard error and exit status 2. After an end of ROS without a
-    signal it is 1.
+    signal, the exit status is 1.
     """
     signals: list[int] = []
-    handle_signals(signal.default_int_handler)  # nothing moves yet: end at once
+    handle_signals(signal.default_int_handler)  # no carriage moves yet: end at once
     nodes: Sequence[BaseNode] = ()
     try:
         with ros_errors():
@@ -153,7 +153,7 @@ def _run_callbacks(
 
 
 def _original(error: Exception) -> Exception:
-    """Return the exception that a callback raised, or the error itself without a callback."""
+    """Return the exception that a callback raised; the error itself if no callback raised it."""
     cause = error.__cause__
     if isinstance(error, CallbackError) and isinstance(cause, Exception):
         return cause
@@ -164,8 +164,8 @@ def _report_exception(nodes: Sequence[BaseNode], error: Exception) -> bool:
     """
     Log and count an exception of a node's callback; return whether it is a programming error.
 
-    An exception without a callback is that of rclpy or of the middleware, and concerns all nodes.
-    Nothing is reported after the end of ROS.
+    An exception without a callback comes from rclpy or from the middleware, and concerns all
+    nodes. Nothing is reported after the end of ROS.
     """
     if not rclpy.ok():
         return False

@@ -2,8 +2,8 @@
 Software stop: the message true stops the drives until the operator requests clear_faults.
 
 Each topic belongs to one supervisor, because rclpy does not name the publisher of a message. A
-second publisher forbids power, because its false would hide the silence of the first. A publisher
-with an incompatible quality of service also forbids power.
+second publisher forbids power, because its message false would hide the silence of the first
+publisher. A publisher with an incompatible quality of service also forbids power.
 """
 
 from __future__ import annotations

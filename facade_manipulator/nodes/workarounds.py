@@ -24,7 +24,7 @@ def given_parameters(node: Node) -> dict[str, Parameter]:
     """
     Return the parameters given to a node in files and on the command line, declared or not.
 
-    ROS ignores a parameter that no node declares, and rclpy has no list of them.
+    ROS ignores a parameter that no node declares, and rclpy has no list of such parameters.
     """
     return node._parameter_overrides
 
@@ -36,8 +36,9 @@ def answer_later(
     Let a service answer after its callback has returned.
 
     `begin` receives the request and a function that sends the response. rclpy sends the returned
-    value of the callback at once and has no deferred response, as rclcpp has since its issue 1707.
-    The callback returns the request, which reaches the wrapped `send_response` with its header.
+    value of the callback at once. It has no deferred response, which rclcpp has since its issue
+    1707. The callback returns the request itself, so that rclpy passes the request and its header
+    to the replaced `send_response`.
     """
     send_response = service.send_response
     service.callback = lambda request, _: request
@@ -46,7 +47,7 @@ def answer_later(
     )
 
 
-# maximum number of messages taken from a topic at once: a flood must not block
+# maximum number of messages taken from a topic at once; a flood must not block
 MOST_WAITING = 100
 
 
@@ -55,8 +56,9 @@ def take_waiting(node: Node) -> None:
     Call the callbacks of messages and requests that wait in the middleware.
 
     Rmw_fastrtps counts waiting messages before it listens for new messages; 2 of 2,000 messages
-    were sent between the two. After an exception in a callback, the EventsExecutor has dropped its
-    counter. In both cases it would take such messages only with the next message.
+    were sent between these two steps. After an exception in a callback, the EventsExecutor has
+    dropped its counter. In both cases the executor would take the waiting messages only with the
+    next message.
     """
     for subscription in node.subscriptions:
         handle = subscription.handle
@@ -80,8 +82,9 @@ class LifecycleMachine:
     """
     State machine of a lifecycle node, which the caller advances.
 
-    rclpy runs a transition inside the callback of its service, so that the executor waits for it
-    (rclcpp issue 2213), and an impossible transition raises an exception (rclpy issue 1209).
+    rclpy runs a transition inside the callback of its service, so that the executor waits for the
+    transition (rclcpp issue 2213). An impossible transition raises an exception (rclpy issue
+    1209).
     """
 
     def __init__(
