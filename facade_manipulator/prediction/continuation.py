@@ -7,9 +7,9 @@ Model: for each horizon τ the move m = d(t + τ) − level(t) [m or rad] is W�
     (G + λ (a² G_sway + r G_noise)) W = M + λ (a² M_sway + r M_noise),
 
 where G = ∫ φ φᵀ dt and M = ∫ φ mᵀ dt are sums over the past motion with exponential forgetting.
-The other terms are a prior instead of a ridge. It has the weight of λ seconds of sway with an RMS
-acceleration a [m/s²], and of noise with a density r [m² s]. `prior` computes its moments. λ is
-`PRIOR_WEIGHT` divided by the learnt time: after 2 s, data and prior have the same weight. For a
+The other terms are a prior instead of a ridge. The prior has the weight of λ seconds of sway with
+an RMS acceleration a [m/s²], and of noise with a density r [m² s]. `prior` computes its moments. λ
+is `PRIOR_WEIGHT` divided by the learnt time: after 2 s, data and prior have the same weight. For a
 given λ, W is the posterior mean of a Bayesian regression with that prior.
 
 W predicts gusts. A fit of sines to the last minute predicts tones better (`tones`). The forecast
@@ -97,13 +97,13 @@ class Continuation:
 
     MEMORY = 60.0  # s, time constant of forgetting
     START_SHARE = 0.7  # time constant at the beginning, as a share of the elapsed time
-    # s²: λ is this divided by the learnt time, the same as that time after 2 s
+    # s²; λ is this value divided by the learnt time, and equals the learnt time after 2 s
     PRIOR_WEIGHT = 4.0
     MIN_LEARNT = 0.04  # s, keeps λ finite before anything is learnt
     SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
-    # 1/s, squared step divided by the noise density: smaller steps earn little trust
+    # 1/s, squared step divided by the noise density; smaller steps earn little trust
     MIN_STEP = 0.1
-    LONGEST_STEP = 0.15  # s between estimates: over a longer time the motion is unknown
+    LONGEST_STEP = 0.15  # s between estimates; over a longer time the motion is unknown
     # scores: squared error, step times the ideal step, squared step
     SQUARED_ERROR, STEP_TIMES_IDEAL, SQUARED_STEP = range(3)
 

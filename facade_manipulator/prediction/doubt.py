@@ -1,8 +1,8 @@
 """
 Doubt about the estimates of each axis: compare them with the last trusted forecast.
 
-`jumps` tests one axis. The forecast that it compares with does not use the estimates in doubt: the
-error of predictions from predicted values would grow with every step.
+`jumps` tests one axis. The forecast for this test does not use the estimates in doubt: the error
+of predictions from predicted values would grow with every step.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """
-Gate of the estimates: rejects impossible estimates, converts the others to rail poses.
+Gate of the estimates: rejects impossible estimates, converts all others to rail poses.
 
 An estimator at m on the rail measures its yaw and its displacement along its own axes, which are
 turned from those of `facade` by an angle α. With the pose d of the rail, the displacement is
@@ -21,8 +21,8 @@ from facade_manipulator.parameters import parameter, settings
 
 # Minimum interval between two estimates that the predictor learns from [s]: learning at 100 Hz
 # would be the largest part of the processor time of the compensator. The gate accepts an estimate
-# that is older than the previous one by less than this, because `Correction` does not learn from
-# it.
+# that is older than the previous estimate by less than this interval, because `Correction` does
+# not learn from such an estimate.
 MIN_INTERVAL = 0.015
 
 
@@ -92,13 +92,13 @@ class Estimate(NamedTuple):
 class EstimateGate:
     """Gate that rejects impossible estimates, and converts the others to poses of the rail."""
 
-    OLDEST_ESTIMATE = 0.3  # s: an older estimate is stale
-    # s, lead of the estimator's clock: synchronised clocks differ by less
+    OLDEST_ESTIMATE = 0.3  # s; an older estimate is stale
+    # s, lead of the estimator's clock; synchronised clocks differ by less
     ESTIMATE_CLOCK_TOLERANCE = 0.01
-    FASTEST_GONDOLA = 1.0  # m/s or rad/s: a gondola is slower
+    FASTEST_GONDOLA = 1.0  # m/s or rad/s; a gondola is slower
     # m or rad, change between two estimates in addition to FASTEST_GONDOLA
     LARGEST_JUMP = 0.03
-    LARGEST_TILT = 0.05  # rad out of the plane: a smaller tilt is ignored
+    LARGEST_TILT = 0.05  # rad out of the plane; a smaller tilt is ignored
     # name, unit and largest displacement, which is several times the correction of the head
     DISPLACEMENT_LIMITS = (('x', 'm', 2.0), ('y', 'm', 2.0), ('theta', 'rad', 0.6))
     NO_ESTIMATE = Estimate(-math.inf, ZERO_POSE, ())  # after it any change is possible
@@ -141,8 +141,8 @@ class EstimateGate:
         pose : Pose
             Received disturbance along the axes of the estimator [m, m, rad].
         variances : sequence of float
-            Variances of x, y and θ [m², m², rad²], as in `covariance`: 0 stands for the
-            noise of the settings. An axis that was not measured keeps its last known pose in the
+            Variances of x, y and θ [m², m², rad²], as in `covariance`: 0 means that the noise of
+            the settings applies. An axis that was not measured keeps its last known pose in the
             result, where `known` is False. Its next measurement may be anywhere.
         tilt : float
             Angle of the rail out of the plane, at least 0 [rad].
@@ -153,8 +153,8 @@ class EstimateGate:
             The reason is ``'not_finite'``, ``'range'``, ``'out_of_plane'``, ``'stale'``,
             ``'future'``, ``'out_of_order'`` or ``'jump'``. The allowed change grows with the time
             since the last accepted estimate, so that a jump that lasts is accepted later. An
-            estimate is out of order if it has the stamp of the previous one, or is older by at
-            least `MIN_INTERVAL`.
+            estimate is out of order if it has the stamp of the previous estimate, or is older by
+            at least `MIN_INTERVAL`.
 
         """
         stamp -= self.settings.delay
@@ -182,7 +182,7 @@ class EstimateGate:
             self.ESTIMATE_CLOCK_TOLERANCE,
         )
         if self._last.stamp - now > self.ESTIMATE_CLOCK_TOLERANCE:
-            # the clock was set back: its stamps are meaningless
+            # the clock was set back: earlier stamps are meaningless
             self._last = self.NO_ESTIMATE
         self._check_step(stamp, pose, measured)
 
@@ -280,7 +280,7 @@ class EstimateGate:
         return Pose(place.x - x, place.y - y, place.theta)
 
 
-ZERO_DERIVATIVE = 1e-9  # m or 1: a smaller derivative of the rail's pose is zero
+ZERO_DERIVATIVE = 1e-9  # m or 1; a smaller derivative of the rail's pose is zero
 
 
 def _square(derivative: float) -> float:

@@ -129,7 +129,7 @@ class FilterBank:
             self.doubted = _held(self.doubted, decay, doubted)
 
     def end_doubt(self, were_wrong: np.ndarray, is_doubted: np.ndarray) -> None:
-        """Remove the effect of wrong estimates; accept that of estimates no longer in doubt."""
+        """Remove the effect of wrong estimates; keep that of estimates no longer in doubt."""
         wrong = np.where(were_wrong[:, None, None], self.doubted, 0.0)
         self.modes = self.modes - wrong
         self.doubted = np.where(is_doubted[:, None, None], self.doubted, 0.0)

@@ -14,12 +14,12 @@ estimates to the prediction, divided by their standard deviation σ_i:
 
 The difference is twice the logarithm of the likelihood ratio. The estimates count as wrong while
 it is above `ODDS`. Half sines and ramps of the errors are also nearer to a jump than to a push.
-The smaller a jump is, the more estimates are needed: at 50 Hz six at 3 σ and two at 4 σ. An error
-that lasts for `DECISION_TIME` is a step of the estimator if a jump explains it much better than a
-push of any strength, with a difference above `STEP_ODDS`. Otherwise it is a motion, after which
-pushes of any strength are possible for a while. The limit is higher for a step than for a wrong
-estimate: a motion that counts as a step is compensated only after a fade, while a step that counts
-as a motion moves the head by a few standard deviations at most.
+A smaller jump needs more estimates: at 50 Hz six for a jump of 3 σ, and two for 4 σ. An error that
+lasts for `DECISION_TIME` is a step of the estimator if a jump explains it much better than a push
+of any strength, with a difference above `STEP_ODDS`. Otherwise it is a motion, after which pushes
+of any strength are possible for a while. The limit is higher for a step than for a wrong estimate.
+A motion that counts as a step is compensated only after a fade. A step that counts as a motion
+moves the head by at most a few standard deviations.
 
 References
 ----------
@@ -155,8 +155,8 @@ class JumpDetector:
         Return the squared error that a jump explains, and its excess over other explanations.
 
         Other explanations are a push, and the end of an earlier jump that was not detected, whose
-        errors have the opposite sign. They only reduce the excess, so that they are not computed
-        if the jump explains at most the bound.
+        errors have the opposite sign. These explanations only reduce the excess, so that they are
+        not computed if the jump explains at most the bound.
         """
         stamps, errors, deviations = np.array(self._past).T
         weights = deviations**-2

@@ -1,9 +1,10 @@
 """
 Schedule of learning: all axes of a group of horizons, then the tones of one axis.
 
-In turns, no estimate takes much longer than the others. The near horizons are learnt three times
-as often as the far horizons. The prior of the continuation needs the strength of the motion: the
-largest squared acceleration that the level filter has shown, with slow forgetting.
+Because of these turns, no estimate takes much longer to learn from than the others. The near
+horizons are learnt three times as often as the far horizons. The prior of the continuation needs
+the strength of the motion: the largest squared acceleration that the level filter has shown, with
+slow forgetting.
 """
 
 from __future__ import annotations
@@ -62,9 +63,9 @@ class Learning:
     PEAK_TIME = 20.0  # s, with which the largest estimated acceleration is forgotten
     # variance of the acceleration in the prior divided by the squared peak
     PEAK_SHARE = 0.1
-    # squared acceleration divided by the variance of its noise: less is not a motion
+    # minimum squared acceleration of a motion, divided by the variance of its noise
     NOISE_PEAK = 9.0
-    # of the squared acceleration, above which earlier learning weighs less
+    # growth of the squared acceleration, above which earlier learning weighs less
     GROWTH = 2.0
     # from the level filter's feature a/ω² to the squared acceleration
     _SQUARED = BANDWIDTHS[LEVEL_FILTER] ** 4
@@ -90,7 +91,7 @@ class Learning:
 
     def variance(self, axis: int, ahead: float) -> float:
         """Return the variance of an axis's prediction after a time [s]."""
-        if ahead <= HORIZONS[0]:  # as usual: interpolation takes ten times as long
+        if ahead <= HORIZONS[0]:  # interpolation would take ten times as long
             return self.variances[axis][0]
         return float(
             np.interp(ahead, HORIZONS, self.variances[axis], right=UNKNOWN_VARIANCE)

@@ -13,8 +13,8 @@ class Positions:
     Stamped positions from which the continuation and the tones learn.
 
     The predictor adds one for each estimate. While an axis is in doubt, its estimates may count as
-    wrong: then the position is the prediction, and the error is kept apart. When the doubt ends
-    and the estimates were right, the errors return to the positions.
+    wrong. The position is then the prediction, and the error is stored separately. When the doubt
+    ends and the estimates were right, the errors return to the positions.
     """
 
     def __init__(self) -> None:

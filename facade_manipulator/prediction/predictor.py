@@ -9,8 +9,8 @@ Each estimate y(t) of an axis passes through these steps, in the order of the co
    moves.
 3. Filter (`filters`). Linear filters of four bandwidths take ŷ + e. Over a gap they take the
    forecast plus a constant acceleration to the estimate. Their states are the features φ and the
-   level, a smooth position. The filters are linear: if the estimates were wrong, the part that
-   they caused is subtracted.
+   level, a smooth position. If the estimates were wrong, the part that they caused is subtracted,
+   because the filters are linear.
 4. Learn (`learning`). Least squares give W, so that Wᵀφ(t) predicts the moves d(t + τ) − level(t)
    at seven horizons τ (`continuation`, with the `prior`), and the sines of the last minute
    (`tones`). Trust k is the share of the step towards the tones that would have been best.
@@ -25,9 +25,9 @@ Each estimate y(t) of an axis passes through these steps, in the order of the co
 The filters are stable. A speed bounds the moves, and the noise bounds the steps towards tones.
 Any learnt weights therefore give a bounded forecast. No forecast is made from another forecast,
 except over a gap (up to `LONGEST_GAP_OF_ESTIMATES`) and while estimates count as wrong (up to
-`DECISION_TIME`): the filters then follow the last trusted forecast. No proof covers that case.
-Tests bound the prediction there for random estimates. `EstimateGate` rejects jumps that would
-exceed the bound.
+`DECISION_TIME`): the filters then follow the last trusted forecast. No proof covers this case.
+Tests bound the prediction in this case for random estimates. `EstimateGate` rejects jumps that
+would exceed the bound.
 """
 
 from __future__ import annotations

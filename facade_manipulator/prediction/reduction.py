@@ -16,7 +16,7 @@ class Reduction:
     The predictor passes each forecast. A forecast within the maximum acceleration is not changed.
     """
 
-    # m/s², m/s², rad/s²: more is compensated in part
+    # m/s², m/s², rad/s²; a larger acceleration is compensated in part
     MAX_ACCELERATION = np.array((1.0, 0.7, 1.4))
     # s, time constant of the mean position, towards which a forecast is reduced
     MEAN_TIME = 5.0

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-MOST_TONES = 7  # of an axis: a false tone must leave room for a true tone
+MOST_TONES = 7  # of an axis; a false tone must leave room for a true tone
 
 
 class Tones:
@@ -139,7 +139,7 @@ class _Window(NamedTuple):
             power = np.abs(amplitudes) ** 2
             frequencies = frequencies[self._distinct(frequencies, power)]
 
-        # Without this second solution the amplitudes of new tones become right later.
+        # Without this second solution, the amplitudes of new tones become correct only later.
         constant, amplitudes, _, residual = self._solve(frequencies)
         if len(frequencies) < MOST_TONES:
             new = self._strongest(residual)
@@ -152,7 +152,7 @@ class _Window(NamedTuple):
     def _waves(self, frequencies: np.ndarray) -> np.ndarray:
         """Return exp(iω t) averaged over each block of time, shape (times, frequencies)."""
         phases = self.times[:, None] * frequencies
-        waves = np.cos(phases) + 1j * np.sin(phases)  # this is faster than exp()
+        waves = np.cos(phases) + 1j * np.sin(phases)  # faster than exp()
         # The mean of evenly spaced estimates reduces each sine's amplitude.
         half = 0.5 * self.block * frequencies
         return waves * (np.sin(half) / (self.size * np.sin(half / self.size)))
