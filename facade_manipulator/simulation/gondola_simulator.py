@@ -72,7 +72,7 @@ class GondolaSimulatorNode(BaseNode):
         self._outputs = {
             topic.name: self.create_publisher(*topic) for topic in published
         }
-        #: true poses by topic; those of the errors begin with the first goal
+        #: true poses by topic; head errors are published from the first goal on
         self._poses = {
             topics.HEAD_POSE.name: lambda: self._world.head,
             topics.RAIL_POSE.name: lambda: self._world.rail,

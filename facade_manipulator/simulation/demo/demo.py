@@ -3,7 +3,7 @@ Demo of the whole stack on one computer: real nodes, simulated drives and a sway
 
 The demo acts as the supervisor of a cleaning robot. It configures, homes and activates the drives
 through the nodes' services and sends cleaning strokes. At its end, the demo first ends the nodes,
-whereupon the driver stops the drives, and then reports the run.
+and the driver stops the drives. Then the demo reports the run.
 """
 
 from __future__ import annotations
@@ -101,8 +101,8 @@ class Demo:
 
         initialise()  # rclpy's own signal handlers would end ROS before the drives are stopped
         self.client = ManipulatorClient(self.NAMESPACE, 'demo_supervisor', self.watch)
-        # Its messages wait until `watch` takes them: an executor, which wakes for each of them,
-        # would use a tenth of a processor.
+        # The messages for this node wait until `watch` takes them. An executor would wake for each
+        # message, and use a tenth of a processor.
         self.recorder = Node(
             'demo_recorder', namespace=self.NAMESPACE, start_parameter_services=False
         )
@@ -359,7 +359,7 @@ def main(args: list[str] | None = None) -> int:
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
     def run() -> None:
-        # the simulator needs it, a node that the demo starts
+        # needed by the simulator, a node that the demo starts
         require_packages('mujoco')
         Demo(options).run()
 

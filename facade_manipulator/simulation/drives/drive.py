@@ -77,7 +77,7 @@ class SimulatedDrive:
         self.is_deaf = False  #: fault: the drive ignores RPDOs, but serves SDO
         self.errors: list[int] = []  #: codes of the present errors, the newest last
         objects.readers |= {
-            # only the bit of all errors
+            # only the bit that stands for any error
             (indices.ERROR_REGISTER, 0): lambda: int(bool(self.errors)),
             (indices.ERROR_CODE, 0): lambda: self.errors[-1] if self.errors else 0,
         }
@@ -314,11 +314,11 @@ class SimulatedDrive:
         """
         Replace the drive with another drive, which boots with its default object values.
 
-        It has the stored node id of the replaced drive, as if set by the same switches. The
-        carriage stays, and the encoder counts from 0 there. Injected silence and deafness
-        continue.
+        The new drive has the stored node id of the replaced drive, as if set by the same switches.
+        The carriage stays at its place, and the encoder counts from 0 there. Injected silence and
+        deafness continue.
         """
-        self.objects.stored = {}  # 1010h has stored them in the replaced drive
+        self.objects.stored = {}  # these values are in the replaced drive
         numbers = (vendor_id, product_code, revision, serial_number)
         for subindex, number in enumerate(numbers, start=1):
             self.objects.defaults[indices.IDENTITY, subindex] = number

@@ -95,7 +95,7 @@ class CyclicPosition(Idle):
 
 class Homing(Idle):
     """
-    Homing: a rising edge of controlword bit 4 starts it, and a falling edge interrupts it.
+    Homing: a rising edge of controlword bit 4 starts the homing, a falling edge interrupts it.
 
     The carriage moves directly to its home position.
     """

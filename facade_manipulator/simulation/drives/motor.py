@@ -83,7 +83,7 @@ class SimulatedMotor:
         self._pushed_to: float | None = None  # while a hand pushes [counts]
 
     def push(self, distance: float) -> None:
-        """Begin to push the carriage along the rail [m]; it stops there, or when power is on."""
+        """Begin to push the carriage by a distance along the rail [m]; power ends the push."""
         counts = distance * self._direction * self.counts_per_metre
         self._pushed_to = self.position + counts
         self.velocity = math.copysign(self._HAND_SPEED * self.counts_per_metre, counts)

@@ -3,9 +3,10 @@ Object dictionary, SDO server, NMT slave and EMCY producer of a simulated drive.
 
 The node is the `LocalNode` of canopen, with three differences for a simulated drive:
 
-- its `Network` sends on a bus and repeats the heartbeat in a thread; an `Outbox` stores both,
-- its `data_store` contains bytes; `values` contains numbers, which modes and motor read at each
-  step,
+- an `Outbox` replaces its `Network`: it stores frames and heartbeat, instead of sending the frames
+  on a bus and repeating the heartbeat in a thread,
+- `values` replaces its `data_store`: it contains numbers instead of bytes, because modes and motor
+  read the numbers at each step,
 - this module also checks limits and stores parameters (1010h).
 
 References
@@ -141,9 +142,10 @@ class Objects(LocalNode):
 
     _STORE = (indices.STORE_PARAMETERS, 1)
     _SAVE = int.from_bytes(b'save', 'little')
-    # in the EDS: the simulated drives neither list errors nor restore
+    # objects of the EDS that are absent, because the simulated drives neither list errors nor
+    # restore
     _ABSENT = (indices.ERROR_FIELD, indices.RESTORE_PARAMETERS)
-    # writable, never stored
+    # writable objects that are never stored
     _NEVER_STORED = {
         indices.STORE_PARAMETERS,
         indices.CONTROLWORD,

@@ -1,7 +1,7 @@
 """
 Process data of a simulated drive, defined by its communication and mapping objects.
 
-The library's PDO maps do the mapping and packing. This module adds the behaviour of a drive: it
+The PDO maps of the library map and pack the objects. This module adds the behaviour of a drive: it
 rejects a wrong order of configuration, acts at the SYNC and checks lengths.
 
 References
@@ -106,7 +106,7 @@ class ProcessData:
                 rpdo.map, key=lambda each: each.index == indices.CONTROLWORD
             ):
                 if rpdo.is_received:
-                    # a rejected value keeps the old value
+                    # after a rejection the object keeps its value
                     with suppress(SdoAbortedError):
                         self._objects.write(
                             (variable.index, variable.subindex), variable.raw

@@ -107,7 +107,7 @@ class SimulatedAxis:
         }
         objects.writers.update(
             {
-                # `control` may be replaced by a fault
+                # an injected fault may replace `control`
                 (indices.CONTROLWORD, 0): lambda controlword: self.control(controlword),
                 (indices.MODE_OF_OPERATION, 0): self._set_mode,
             }

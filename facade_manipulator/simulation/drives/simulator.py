@@ -17,9 +17,9 @@ from facade_manipulator.simulation.drives.drive import SimulatedDrive
 
 
 class DriveSimulator(AbstractContextManager['DriveSimulator']):
-    """Context manager of simulated drives that share one bus and are powered until its end."""
+    """Context manager of simulated drives that share one bus and are powered until it exits."""
 
-    _LONGEST_WAIT = 0.1  # s: maximum time to stop when the bus is quiet
+    _LONGEST_WAIT = 0.1  # s, maximum time to stop while the bus is quiet
     _PAUSE = 0.05  # s, after an error of the bus, such as an interface that is down
 
     def __init__(self, bus: can.BusABC, drives: Sequence[SimulatedDrive]) -> None:
@@ -73,7 +73,7 @@ class DriveSimulator(AbstractContextManager['DriveSimulator']):
                 self._advance(received)
 
     def _advance(self, received: Frame | None) -> None:
-        """Advance the drives to the time of a received frame, without a frame to the present."""
+        """Advance the drives to the time of a received frame; without a frame, to the present."""
         for drive in self._drives:
             frames = (
                 drive.advance(time.monotonic())

@@ -47,8 +47,8 @@ def _require_triples(name: str, rows: Sequence[Any], meaning: str) -> None:
     """
     Raise a ParameterError if a row is not a sequence of three numbers.
 
-    The reader of the file checks neither the length nor the elements of a row. `name` is that of
-    the setting, and `meaning` that of the three numbers.
+    The reader of the file checks neither the length nor the elements of a row. `name` is the name
+    of the setting, and `meaning` the meaning of the three numbers.
     """
     for row in rows:
         is_triple = isinstance(row, Sequence) and len(row) == 3
