@@ -121,7 +121,7 @@ def sweep(
 
 def best(merits: list[Merit], objectives: Iterable[str]) -> list[dict[str, Any]]:
     """
-    Return the best designs for each objective, for JSON: with l ≥ b first, then of all.
+    Return the best designs for each objective, for JSON: first with l ≥ b, then of all designs.
 
     A workspace with l ≥ b has no pose beyond N = 0.
     """

@@ -7,8 +7,8 @@ and the order of the carriages. At each (y, θ) of this grid the width of the x-
 weight, which needs no grid of x.
 
 The paper states neither the stroke nor the definition of its areas, and no natural definition with
-one common stroke gives them. Two defined areas are printed beside those of the paper, without any
-tuning.
+one common stroke reproduces these areas. Two areas with a stated definition are printed beside
+those of the paper; their definition is not tuned.
 """
 
 from __future__ import annotations

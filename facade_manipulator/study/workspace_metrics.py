@@ -202,7 +202,8 @@ def measure(
         density = at.width * span * np.sin(2.0 * angle)
         volumes = 0.5 * (density[:, 1:] + density[:, :-1]) * angle[1]
 
-        # With the sign of N the index is smooth where it vanishes: cells divide rightly there.
+        # With the sign of N the index is smooth where it vanishes, so that cells are divided
+        # correctly there.
         index = np.copysign(at.conditioning, at.number)
         is_good = _share_above(index - good.threshold)
         is_good = is_good + _share_above(-good.threshold - index)
