@@ -19,7 +19,7 @@ from facade_manipulator.parameters import ParameterSource
 from facade_manipulator.tools.parameter_files import announce, read_machine
 
 COASTING_DECELERATION = (
-    1.87  # m/s²: 67 mm from 0.5 m/s, by friction and masses of the prototype
+    1.87  # m/s²; 67 mm from 0.5 m/s, with friction and masses of the prototype
 )
 
 

@@ -137,7 +137,7 @@ def head_differences(heads: np.ndarray, others: np.ndarray) -> np.ndarray:
     return differences
 
 
-# share of its tolerance: an error measured worse than this adds little to the drawing
+# share of its tolerance; an error measured less precisely adds little to the drawing
 NEEDED_SHARE = 0.5
 MOST_HEAD_DEVIATION = 5.0  # times the stated noise, anywhere in the workspace
 TOLERANCES = np.array([tolerance for _, tolerance, _ in GEOMETRY_ERRORS])
@@ -260,7 +260,7 @@ def _greatest_deviation(
     return np.sqrt(np.nanmax(variances, axis=0))
 
 
-# maximum share of rows that contradict; more mean another machine, unit or frame
+# maximum share of contradicting rows; a larger share means another machine, unit or frame
 MOST_OUTLIERS = 0.25
 MOST_SCATTER = 5.0  # times the stated noise
 

@@ -24,7 +24,7 @@ from facade_manipulator.tools.parameter_files import announce
 def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
     """Run a command; return its exit status. `access` provides bus and clock for the context."""
     options = _parser().parse_args(arguments)
-    for name in ('can', 'canopen'):  # the command itself reports their errors
+    for name in ('can', 'canopen'):  # the command reports errors of both
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     context = Context(options, **access)
 
@@ -82,7 +82,7 @@ def _length(
 
 
 def _common() -> argparse.ArgumentParser:
-    """Return the options of every command, anew: shared options would share default values."""
+    """Return new options for every command, because shared options would share defaults."""
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     common.add_argument(
         '--parameters',

@@ -2,14 +2,14 @@
 Fit of a carriage's deceleration to its positions during a stop.
 
 A carriage moves at the speed v, continues for a delay d, and brakes with the deceleration a. Its
-servo follows this motion with a lag L of first order. The distance from the stop to rest is
+servo follows this motion with a first-order lag L. The distance from the stop to rest is
 
     D = v (d + L) + v² / (2 a)
 
 The speed and the distance are measured. For each lag and delay this equation has one deceleration.
-The best of them gives the curve nearest to the positions. The uncertainty is the range of the
-decelerations whose curves are nearly as near. Delay and braking are thus separated: a short delay
-does not hide a weak brake.
+The best deceleration gives the curve nearest to the positions. The uncertainty is the range of the
+decelerations whose curves are nearly as near to the positions. The fit thus separates delay and
+braking, so that a short delay does not hide a weak brake.
 """
 
 from __future__ import annotations

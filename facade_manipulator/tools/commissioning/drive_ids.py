@@ -167,7 +167,7 @@ def _configure(
     Set the node id of one node, or of all nodes, and wait until they have booted.
 
     Some nodes use the id only after a reset of communication. Raises a CommissioningError if a
-    node does not take or store it.
+    node does not accept or store the id.
     """
     try:
         set_node_id(master, node_id, selected, is_stored)

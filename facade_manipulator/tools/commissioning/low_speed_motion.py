@@ -96,7 +96,7 @@ class Motion:
 
     # Hz, rate of the cycles: maximum rate of the snapshots of the controller
     _MOST_RATE = 100
-    # this process has no real-time priority: ignore delays of 0.1 s
+    # this process has no real-time priority, so ignore delays of 0.1 s
     _MISSED_CYCLES = 10
 
     def __init__(
@@ -143,7 +143,7 @@ class Motion:
             self.controller.request(name, replies.append)
             while not replies:
                 self.controller.turn()
-            message = str(replies[0]).partition('; next: ')[0]  # for a driver
+            message = str(replies[0]).partition('; next: ')[0]  # of the driver's user
             if isinstance(replies[0], Exception):
                 raise CommissioningError(
                     f'{message}; next: remove the cause, and repeat'

@@ -5,7 +5,8 @@ The command compares the stopping distance, and the deceleration of a quick stop
 analysis. A distance alone would hide a weak brake behind a short delay (`braking_curve`).
 
 The stops are a quick stop, a silent master (1016h, 6007h), and a loss of power, as after STO. All
-three carriages move together, so that a gap changes only by the difference of their distances.
+three carriages move together, so that a gap changes only by the difference between their stopping
+distances.
 """
 
 from __future__ import annotations
@@ -152,7 +153,7 @@ def _obedience(name: str, statusword: int | None, timeout: float) -> Iterator[st
         )
 
 
-_LEAST_SHARE = 0.8  # of stop_deceleration, which a quick stop must have for certain
+_LEAST_SHARE = 0.8  # of stop_deceleration: certain minimum of a quick stop
 
 
 def _weakness(name: str, measured: Deceleration, configured: float) -> Iterator[str]:

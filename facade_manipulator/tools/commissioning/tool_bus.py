@@ -28,7 +28,7 @@ BOOT_TIMEOUT = 5.0  # s
 class ToolBus:
     """Bus of a command, which receives frames while the command waits."""
 
-    _LISTENING_TIME = 0.6  # s: several periods of a driver's heartbeat
+    _LISTENING_TIME = 0.6  # s, several periods of a driver's heartbeat
     _ASK_SERIAL_NUMBER = upload_request(indices.IDENTITY, 4)
     _LOOK_PERIOD = 0.02  # s, between two checks of a condition on a quiet bus
     _ANSWER = 0.25  # s
@@ -60,7 +60,7 @@ class ToolBus:
         """
         Wait for a frame, then receive all frames that have arrived.
 
-        If this process was interrupted, answers wait that arrived before their time-out.
+        If this process was interrupted, answers that arrived before their time-out are waiting.
         """
         frame = self._receive(self._LOOK_PERIOD)
         now = self.monotonic()
@@ -84,9 +84,9 @@ class ToolBus:
         """
         Receive frames until a condition holds or a timeout [s] expires; return the condition.
 
-        If this process was interrupted, frames wait that arrived before the timeout. They are
-        also received. A condition may itself ask a drive: the wait then ends later, and an error
-        of the condition ends it.
+        If this process was interrupted, frames that arrived before the timeout are waiting, and
+        are also received. A condition may send a request to a drive; the wait can then exceed the
+        timeout. An exception from the condition ends the wait.
         """
         end = self.monotonic() + timeout
         while not condition():
@@ -141,7 +141,7 @@ class ToolBus:
         """
         Reset a drive and wait for its boot-up message.
 
-        `boot_time` is the time that it needs if longer than `BOOT_TIMEOUT` [s]. Raises a
+        `boot_time` is the time that the drive needs if longer than `BOOT_TIMEOUT` [s]. Raises a
         DriveTimeoutError.
         """
         timeout = max(boot_time, BOOT_TIMEOUT)
