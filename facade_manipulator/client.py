@@ -115,7 +115,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     """
 
-    ANSWER_TIMEOUT = 10.0  # s: the node may have just been started on a busy computer
+    ANSWER_TIMEOUT = 10.0  # s; the node may have just been started on a busy computer
     REPEAT_AFTER = 1.0  # s, until a harmless request without an answer is sent again
     #: states on driver/status while the driver executes a request
     WORKING = frozenset(
@@ -293,9 +293,9 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         """
         Move the head to successive goals on the wall (frame ``facade``); return at the last goal.
 
-        Raises a RequestRejectedError for a goal that is rejected or no longer followed, and a
-        GoalNotReachedError for a goal that is not reached within the timeout [s]; the goal then
-        stays in force.
+        Raises a RequestRejectedError for a goal that is rejected or no longer followed. Raises a
+        GoalNotReachedError for a goal that is not reached within the timeout [s]; this goal stays
+        in force.
         """
         for goal in goals:
             stamp = self.send_goal(goal)

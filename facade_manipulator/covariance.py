@@ -8,7 +8,7 @@ measured.
 
 from __future__ import annotations
 
-LARGEST_DEVIATION = 1.0  # m or rad: the noise of a sensor is at most this
+LARGEST_DEVIATION = 1.0  # m or rad, maximum noise of a sensor
 
 
 def is_measured(variance: float, largest_deviation: float = LARGEST_DEVIATION) -> bool:
@@ -16,7 +16,7 @@ def is_measured(variance: float, largest_deviation: float = LARGEST_DEVIATION) -
     return 0.0 <= variance <= largest_deviation**2  # false for NaN
 
 
-MIN_DEVIATION = 1e-4  # m or rad: with less, a filter would ignore all other data
+MIN_DEVIATION = 1e-4  # m or rad; with less noise, a filter would ignore all other data
 
 
 def used_variance(variance: float, default_deviation: float) -> float:

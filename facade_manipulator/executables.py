@@ -18,7 +18,7 @@ from types import FrameType
 from facade_manipulator.command_line import missing_package
 
 CANNOT_START = 2  # exit status
-# nothing is drawn in a window by these; a value of another project may end the import
+# with these values no window is opened; a value of another project may end the import
 SETTINGS = {'MPLBACKEND': 'agg', 'MUJOCO_GL': 'disable'}
 
 
@@ -54,7 +54,8 @@ def run_with_ros(name: str, module: str) -> int:
     """
     Run an executable that uses ROS; return its exit status.
 
-    The wheels of ROS 2 end the process inside the import of rclpy for another middleware.
+    The wheels of ROS 2 end the process inside the import of rclpy if another middleware is
+    selected.
     """
     middleware = os.environ.get('RMW_IMPLEMENTATION', OF_WHEELS)
     if find_spec('ros_wheels_bootstrapper') and middleware != OF_WHEELS:

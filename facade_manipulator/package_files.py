@@ -45,8 +45,8 @@ def machine_files(given: Sequence[Path] = ()) -> list[Path]:
     Return the machine's parameter files; later files override earlier files.
 
     Without given files, the first is `MACHINE_FILE` of the working directory, or that of the
-    package while none exists. An `OVERLAY` in the folder of the first given file, or else in the
-    working directory, follows the first file unless it is given.
+    package if this file does not exist. An `OVERLAY` in the folder of the first given file, or
+    else in the working directory, follows the first file unless it is given.
     """
     first, *others = given or [MACHINE_FILE]
     overlay = first.with_name(OVERLAY)

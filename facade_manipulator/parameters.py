@@ -166,7 +166,7 @@ def _wrong_type(name: str, element: Any, kind: type) -> ParameterError:
     )
 
 
-LARGEST_EXACT = 2.0**53  # of the integers that a double holds
+LARGEST_EXACT = 2.0**53  # largest integer up to which a double holds all
 
 
 def number_text(value: float) -> str:

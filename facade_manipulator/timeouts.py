@@ -16,7 +16,7 @@ is added to them.
 
 RESPONSE_TIMEOUT = 0.3  # answer to an SDO request; drives answer in up to 0.2 s
 ATTEMPTS = 3  # of a transfer, after lost answers
-# for the few objects that are asked of a drive that may be absent: more than all attempts
+# for the few objects that are read from a drive that may be absent; more than all attempts
 ASKING_TIMEOUT = (ATTEMPTS + 1) * RESPONSE_TIMEOUT
 STEP_TIMEOUT = 1.0  # one step of the drives, such as to switch on
 STOP_AND_CUT = 2  # steps: a drive that still moves is stopped before it loses its power
