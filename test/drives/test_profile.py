@@ -59,6 +59,19 @@ def test_every_profile_requires_the_safety_objects(name):
     assert len(set(places)) == len(places)
 
 
+@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize(
+    ('index', 'option'),
+    [
+        (0x605A, 6),  # CiA 402-2: slow down on the quick stop ramp, stay in quick stop
+        (0x605E, 2),  # CiA 402-2: slow down on the quick stop ramp
+    ],
+)
+def test_every_profile_brakes_on_the_quick_stop_ramp(name, index, option):
+    objects = load_profile(name).objects
+    assert [one.value for one in objects if one.index == index] == [option]
+
+
 @pytest.mark.parametrize(
     ('key', 'limits'),
     [

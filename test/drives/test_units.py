@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.drives.axis_settings import AxisSettings
-from facade_manipulator.drives.units import VELOCITY_UNITS
+from facade_manipulator.drives.units import COUNTS, VELOCITY_UNITS
 
 SCALES = st.builds(
     AxisSettings,
@@ -31,6 +31,22 @@ def test_unit_code_matches_the_size_of_the_unit(unit):
     prefix = int.from_bytes(code[:1], 'big', signed=True)
     assert unit.counted == COUNTED[code[1]]
     assert unit.factor == pytest.approx(SECONDS[code[2]] * 10.0**-prefix)
+
+
+# 60AAh by 60A9h where it is not the unit and square second: rpm per second, as in an EPOS4
+PER_SECOND = {0xB447: 0xC003}
+
+
+@pytest.mark.parametrize('unit', VELOCITY_UNITS.values(), ids=VELOCITY_UNITS)
+def test_acceleration_code_is_that_of_the_unit_per_second(unit):
+    prefix, speed = unit.velocity >> 24, unit.velocity >> 8 & 0xFFFF
+    square_second = speed & 0xFF00 | 0x57
+    assert unit.acceleration == prefix << 24 | PER_SECOND.get(speed, square_second) << 8
+
+
+def test_unit_of_positions_is_the_count():
+    """CiA 402-2, 60A8h: no prefix, and the unit increment."""
+    assert COUNTS == 0x00B50000
 
 
 @given(SCALES, st.integers(-1_000_000, 1_000_000))
