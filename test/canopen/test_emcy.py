@@ -2,7 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.canopen.emcy import Fault, fault
+from facade_manipulator.canopen.emcy import error_code, Fault, fault, is_error_reset
 
 CODES = st.integers(0x100, 0xFFFF)  # of faults
 
@@ -61,3 +61,15 @@ def test_code_in_profile_precedes_the_table():
     assert 'watchdog' in fault(0xFF02, own).message
     assert 'watchdog' not in fault(0xFF02, {}).message
     assert fault(0x7305, own).loses_position
+
+
+def test_error_code_is_in_the_first_two_bytes():
+    assert error_code(bytes.fromhex('1186250102030405')) == 0x8611
+
+
+@pytest.mark.parametrize(
+    ('code', 'is_reset'), [(0x0000, True), (0x00FF, True), (0x0100, False)]
+)
+def test_codes_00xx_report_the_end_of_an_error(code, is_reset):
+    """CiA 301: codes 00xxh are error reset or no error."""
+    assert is_error_reset(code) is is_reset

@@ -11,6 +11,7 @@ from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.sdo import (
     expedited_number,
+    is_write,
     SdoAbortError,
     SdoChannel,
     Steps,
@@ -87,6 +88,38 @@ def test_abort_is_raised_with_its_code_at_once():
         drive.read()
     assert caught.value.is_absent
     assert len(drive.requests) == 1
+
+
+@pytest.mark.parametrize(
+    ('code', 'is_absent'),
+    [
+        (0x06020000, True),  # CiA 301: the object does not exist
+        (0x06090011, True),  # CiA 301: the subindex does not exist
+        (0x06010000, False),  # CiA 301: unsupported access
+    ],
+)
+def test_abort_code_tells_whether_the_object_is_absent(code, is_absent):
+    abort = ABSENT[:4] + code.to_bytes(4, 'little')
+    drive = ScriptedDrive(lambda data: (abort,))
+    with pytest.raises(SdoAbortError) as caught:
+        drive.read()
+    assert caught.value.is_absent is is_absent
+
+
+@pytest.mark.parametrize(
+    ('first', 'begins_write'),
+    [
+        (0x23, True),  # expedited download
+        (0x21, True),  # segmented download
+        (0xC6, True),  # block download
+        (0x40, False),  # upload
+        (0x60, False),  # segment of an upload
+        (0x80, False),  # abort
+        (0xA4, False),  # block upload
+    ],
+)
+def test_download_request_of_cia_301_begins_a_write(first, begins_write):
+    assert is_write(bytes([first, 0x65, 0x60, 0, 0, 0, 0, 0])) is begins_write
 
 
 @pytest.mark.parametrize(
