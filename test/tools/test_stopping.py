@@ -19,10 +19,12 @@ LIMITS = MotionLimits()
 HEAVIEST = 0.7  # deceleration with the heaviest load, as a share
 
 
-def analysis(lag: float = 0.015, gap: float = 0.02) -> StoppingAnalysis:
-    """Return the analysis of drives with a lag [s] and carriages with a gap [m]."""
+def analysis(
+    lag: float = 0.015, gap: float = 0.02, length: float = 0.0
+) -> StoppingAnalysis:
+    """Return the analysis of drives with a lag [s] and carriages with gap and length [m]."""
     return StoppingAnalysis(
-        Geometry(carriage_gap=gap),
+        Geometry(carriage_gap=gap, carriage_length=length),
         LIMITS,
         DEFAULT_AXES,
         ControllerSettings(drive_lag=lag),
@@ -80,6 +82,11 @@ def test_table_shows_stops_with_the_heaviest_load():
     rows = found.table(coasting=1.87)
     left = [found.remaining(row.speed, INPUT_SPREAD, deceleration) for row in rows]
     assert [row.left_by_ss1_t for row in rows] == pytest.approx(left)
+
+
+def test_carriages_at_rest_leave_the_gap_less_their_length():
+    found = analysis(gap=0.02, length=0.005)
+    assert found.remaining(0.0, INPUT_SPREAD, 1.0) == pytest.approx(0.015)
 
 
 def test_stop_category_0_leaves_less_with_less_friction():
