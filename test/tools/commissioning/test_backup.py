@@ -72,6 +72,12 @@ def test_profile_without_a_dead_master_stop_is_rejected(rig, tmp_path, capsys):
     assert 'does not stop when this computer is silent' in capsys.readouterr().err
 
 
+def test_drive_without_cyclic_position_is_rejected(rig, capsys):
+    rig.drives[1].objects.readers[0x6502, 0] = lambda: 0x20  # bit 5: homing only
+    assert rig.run('profile', 'q2', '--check') == 1
+    assert 'not support cyclic synchronous position' in capsys.readouterr().err
+
+
 def test_interrupted_profile_check_states_the_written_values(rig, rejected):
     rig.drives[0].objects.writers[0x6065, 0] = raising(KeyboardInterrupt)
     said = rejected('profile', 'q1', '--check')
