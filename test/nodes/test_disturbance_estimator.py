@@ -92,6 +92,27 @@ def test_raw_sensors_give_odometry_with_covariance(sensors, capfd):
     sensors.until_status('motion', 'the acceleration is not measured', 'warn')
 
 
+def test_rate_of_a_sensor_is_that_of_its_stamps(ros):
+    sensors = Sensors(ros)
+    newest = sensors.now()
+
+    def send():
+        """Send a fix for each 20 ms that have passed, with exact stamps after a late call."""
+        nonlocal newest
+        while newest + 0.02 <= sensors.now():
+            newest += 0.02
+            fix = PointStamped()
+            fix.header.stamp = stamp(newest)
+            sensors.publish(topics.FIX_X, fix)
+
+    sensors.node.create_timer(0.02, send)
+
+    def rate():
+        return float(sensors.value('sensor fix_x', 'rate [Hz]') or 0.0)
+
+    ros.until(lambda: rate() == pytest.approx(50.0, rel=0.01), 'the rate')
+
+
 def test_bad_measurement_is_counted_with_its_reason(ros):
     sensors = Sensors(ros)
     for reason, spoil in (

@@ -157,6 +157,15 @@ def test_two_values_of_one_parameter_are_rejected(ros, arguments):
     )
 
 
+def test_two_values_of_a_parameter_of_ros_are_accepted(ros, arguments):
+    """Each node publishes its own type descriptions, for which the others do not matter."""
+    service = 'start_type_description_service'
+    args = arguments(f'/**/compensator: {{ros__parameters: {{{service}: false}}}}')
+    nodes = [ros.add(NODES[name](cli_args=args)) for name in PAIR]
+    assert [node.get_parameter(service).value for node in nodes] == [False, True]
+    reject_unknown_parameters(nodes, args)
+
+
 @pytest.mark.parametrize('section', ['/**', '/**/ik_service'])
 @pytest.mark.parametrize(
     'former, present',
