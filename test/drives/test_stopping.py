@@ -131,3 +131,9 @@ def test_gap_of_an_outcome_keeps_carriages_apart(number):
 def test_parameters_that_let_carriages_touch_are_rejected(changes, message):
     with pytest.raises(ParameterError, match=message) if message else nullcontext():
         analysis(**changes).check()
+
+
+def test_carriages_that_touch_at_the_gap_have_no_tolerance():
+    geometry = replace(GEOMETRY, carriage_length=GEOMETRY.carriage_gap)
+    tolerated = analysis(geometry=geometry).separation.tolerated
+    assert tolerated == pytest.approx(GEOMETRY.carriage_gap)
