@@ -65,8 +65,10 @@ class DisturbanceEstimator:
     def __init__(self, setup: EstimatorSetup) -> None:
         self._gate = ImuGate(setup.imu)
         # each level once, the wall itself first; the distance sensors share them
-        offsets = dict.fromkeys((0.0, *setup.wall.levels))
-        levels = [Level(offset) for offset in offsets]
+        self._wall_offsets = list(dict.fromkeys((0.0, *setup.wall.levels)))
+        levels: list[Level] = []
+        if setup.wall.distance:
+            levels += map(Level, self._wall_offsets)
         #: the sensors of the wall by their names
         self.channels: dict[str, Channel] = {}
         states: list[rail_pose_model.SensorState] = []
@@ -92,8 +94,10 @@ class DisturbanceEstimator:
             'rail', (0.0, 0.0, 0.0), 0.0, setup.imu
         )
         self._process = rail_pose_model.Process(setup.imu, states)
-        #: whether a sensor has defined place 0 of the wall; a restart keeps it
-        self._has_origin = False
+        #: axes of which a sensor has defined place 0; a restart keeps it
+        self._origins: set[int] = set()
+        #: those whose place 0 is where the rail was at the start
+        self._guessed: set[int] = set()
         #: the newest events: (re)starts of axes, new levels, loss and return of the IMU
         self.events: deque[EstimatorEvent] = deque(maxlen=50)
         #: a wrong connection or unit, after which no estimates are published
@@ -176,9 +180,9 @@ class DisturbanceEstimator:
             if self.fault:
                 self._note('all', self.fault)
 
-        if not self.started.issuperset(sensor.axes):
+        if self._is_starting(channel):
             channel.first.add(stamp, value)
-        elif stamp > self._history.oldest:
+        elif self._can_use(channel) and stamp > self._history.oldest:
             variance = used_variance(variance, sensor.noise)
             self._history.add_measurement(Measurement(name, stamp, value, variance))
 
@@ -200,7 +204,7 @@ class DisturbanceEstimator:
             self._history.add_input(self._now, None)
 
         for group in self._groups:
-            if not self.started.issuperset(group[0].sensor.axes):
+            if self._is_starting(group[0]):
                 self._start(group)
         self._give_up_lost_axes()
         if self.fault or not self.started:
@@ -254,64 +258,119 @@ class DisturbanceEstimator:
             state = rail_pose_model.FilterState(state.mean, covariance)
         return state
 
+    def _is_starting(self, channel: Channel) -> bool:
+        """Return whether the measurements of a sensor define a place, or replace a guess."""
+        axes = channel.sensor.axes
+        is_better = channel.is_absolute and not self._guessed.isdisjoint(axes)
+        is_wall_unknown = channel in self._distances and not channel.levels
+        return is_better or is_wall_unknown or not self.started.issuperset(axes)
+
+    def _can_use(self, channel: Channel) -> bool:
+        """Return whether the place of a feature does not depend on an unknown wall distance."""
+        is_feature = isinstance(channel.sensor, rail_pose_model.FeatureSensor)
+        return not (is_feature and self._distances and not self._distances[0].levels)
+
     def _start(self, group: list[Channel]) -> None:
-        """Start the axes of a sensor group after sufficient measurements."""
+        """Start the axes of a sensor group, or find its wall, after sufficient measurements."""
         ready = [one for one in group if one.first.suffice(self._now)]
         begin = min(one.first.begin for one in group)
         is_waiting = len(ready) < len(group) and self._now - begin < start.LONGEST_START
-        if not ready or is_waiting:
+        if not ready or is_waiting or not self._can_use(ready[0]):
             return
         sensor = ready[0].sensor
-        is_feature = isinstance(sensor, rail_pose_model.FeatureSensor)
-        if is_feature and self._distances and not sensor.distance:
-            return  # the place of the feature depends on it
-        if not ready[0].levels and not self._can_define_origin():
+        axis = sensor.axes[0]
+        is_guess = not ready[0].levels and axis not in self.started
+        if is_guess and not self._can_define_origin(axis):
             return
 
-        names = ', '.join(one.sensor.name for one in ready)
-        state = self._process.forget(self._history.update().state, sensor.axes)
+        state = self._history.update().state
+        if axis in self._guessed and ready[0].is_absolute:
+            self._withdraw_guess(axis)
+        axes = [one for one in sensor.axes if one not in self.started]
+        state = self._process.forget(state, axes)
         if isinstance(sensor, rail_pose_model.DistanceSensor):
             self._place_before_wall(state, ready)
-            names += f', {1e3 * sensor.distance:.0f} mm from the wall'
         else:
             self._place_at(state, ready[0])
         self._history.restart(state)
-        self._note(_names(sensor.axes), f'started by {names}')
-        self.started.update(sensor.axes)
-        self._has_origin = self._has_origin or X in sensor.axes
+        self._note_start(ready, axes)
+        self.started.update(axes)
+        self._origins.add(axis)
+        if is_guess:
+            self._guessed.add(axis)
 
         for channel in self.channels.values():
-            channel.sensor.distance = channel.sensor.distance or sensor.distance
             if not set(sensor.axes).isdisjoint(channel.sensor.axes):
                 channel.first = start.FirstMeasurements()
                 channel.accept(self._now)
 
+    def _note_start(self, ready: Sequence[Channel], axes: Sequence[int]) -> None:
+        """Record which axes some sensors have started, and the distance of their wall."""
+        sensor = ready[0].sensor
+        names = ', '.join(one.sensor.name for one in ready)
+        event = f'started by {names}'
+        if isinstance(sensor, rail_pose_model.DistanceSensor):
+            distance = f'{1e3 * sensor.distance:.0f} mm'
+            event += f', {distance} from the wall'
+            if not axes:
+                self._note(names, f'wall found at {distance}')
+                return
+        self._note(_names(axes), event)
+
+    def _withdraw_guess(self, axis: int) -> None:
+        """Forget an axis that began at 0, and the places on the wall that depend on it."""
+        self._note(_names([axis]), 'the place assumed at the start is replaced')
+        self._guessed.discard(axis)
+        self.started.discard(axis)
+        for channel in self.channels.values():
+            if axis in channel.sensor.axes and not channel.is_absolute:
+                channel.forget_place()
+
     def _place_before_wall(
         self, state: rail_pose_model.FilterState, ready: Sequence[Channel]
     ) -> None:
-        """Set y, yaw and the wall distance of a state from the distance sensors."""
+        """
+        Set the axes of a state that are unknown from the distance sensors.
+
+        An unknown wall distance is computed from y, and is as uncertain as y. If y is unknown,
+        the rail is at y = 0 and the distance counts as exact.
+        """
         middle = self._middle[X].lever
         mountings = np.subtract([one.sensor.lever for one in ready], middle)
         values = [one.first.densest() for one in ready]
-        offsets = [level.offset for level in ready[0].levels]
-        sensor = ready[0].sensor
-        sensor.distance, y, yaw = start.start_at_wall(
-            sensor.distance, mountings, values, offsets
+        levels = ready[0].levels
+        offsets = [level.offset for level in levels] or self._wall_offsets
+
+        y = 0.0
+        variance = 0.0
+        if Y in self.started:
+            y, jacobian = self._middle[Y].expect(state.mean.tolist(), 0.0)
+            variance = float(jacobian @ state.covariance @ jacobian)
+        distance, found_y, found_yaw = start.start_at_wall(
+            ready[0].sensor.distance, mountings, values, offsets, y, state.mean[YAW]
         )
-        state.mean[YAW] = yaw
+        if not levels:
+            # all distance sensors share the list
+            levels += [Level(offset, variance) for offset in offsets]
+            for channel in self.channels.values():
+                channel.sensor.distance = distance
+        if YAW not in self.started:
+            state.mean[YAW] = found_yaw
+        if Y not in self.started:
+            y = found_y
         state.mean[Y] += self._middle[Y].shift(state.mean, y)
 
-    def _can_define_origin(self) -> bool:
+    def _can_define_origin(self, axis: int) -> bool:
         """
-        Return whether a fix whose feature has no place may put the rail at place 0.
+        Return whether a sensor without a known place may put the rail at place 0 of an axis.
 
         For 1 s from its first measurement, a sensor with a known place takes precedence. After a
         restart place 0 is defined, and the rail may be elsewhere.
         """
-        if self._has_origin:
+        if axis in self._origins:
             return False
         for channel in self.channels.values():
-            if X not in channel.sensor.axes or not channel.levels:
+            if axis not in channel.sensor.axes or not channel.is_absolute:
                 continue
             begin = channel.first.begin  # infinite before the first measurement
             if math.isfinite(begin) and self._now - begin < start.LONGEST_START:
@@ -344,7 +403,9 @@ class DisturbanceEstimator:
                 reason = f'restarted: no measurement was accepted for {self.LOST:g} s'
             else:
                 continue
-            axes = (Y, YAW) if axis != X and self._distances else (axis,)
+            axes: tuple[int, ...] = (axis,)
+            if axis != X and axis in self.started and self._distances:
+                axes = (Y, YAW)  # the distances start both
             state = self._process.forget(self._history.update().state, axes)
             self._history.restart(state)
             if axis in self.started:

@@ -289,6 +289,10 @@ class WallSensor(ABC):
     first: int = SENSORS  #: index of the first state of the sensor in the state vector
     states: tuple[SensorState, ...] = ()  #: states that the sensor adds
 
+    def forget_place(self) -> None:
+        """Forget the place on the wall that the sensor measures."""
+        self.distance = 0.0
+
     @abstractmethod
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
         """Return the measurement and its derivatives for a sensor pose [m, m, rad]."""
@@ -354,6 +358,10 @@ class FeatureSensor(WallSensor):
     """Sensor of the position of a wall feature F along the rail's x."""
 
     feature: float = 0.0  #: place of the feature on the wall [m]; 0 is unknown
+
+    def forget_place(self) -> None:
+        """Forget the place of the feature."""
+        self.feature = 0.0
 
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
         """Return R(ψ)ᵀ (F − p) along x [m] and its derivatives."""

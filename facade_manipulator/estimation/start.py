@@ -70,6 +70,8 @@ def start_at_wall(
     mountings: np.ndarray,
     measured: Sequence[float],
     levels: Sequence[float],
+    y: float = 0.0,
+    yaw: float = 0.0,
 ) -> tuple[float, float, float]:
     """
     Return wall distance, y and yaw of the rail [m, m, rad] for the most likely levels.
@@ -81,8 +83,8 @@ def start_at_wall(
     Parameters
     ----------
     distance : float
-        Distance of the wall from the rail at rest [m]. For 0 it is unknown: the rail is then at
-        y = 0, and the returned distance is that of the line.
+        Distance of the wall from the rail at rest [m]. For 0 it is unknown, and the returned
+        distance is that of the line.
     mountings : array of shape (n, 3)
         Places of the sensors from the middle of the rail: x along the rail, y towards the wall,
         z up [m].
@@ -91,6 +93,10 @@ def start_at_wall(
     levels : sequence of float
         Offsets of the parts of the wall that the sensors may see [m]; a part with a positive
         offset is behind the wall.
+    y : float
+        Place of the rail [m], used if the distance of the wall is unknown.
+    yaw : float
+        Yaw of the rail [rad], used if the sensors are too close together to show it.
 
     """
     along, across = mountings[:, :2].T
@@ -98,17 +104,17 @@ def start_at_wall(
     for chosen in product(levels, repeat=len(measured)):
         # the wall through the measured points is a line: middle + slope times the place
         points = np.array(measured) + across - chosen
-        slope = 0.0
-        middle = points.mean()
+        slope = -yaw
+        middle = (points - slope * along).mean()
         if np.ptp(along) > LEAST_BASELINE:
             slope, middle = np.polyfit(along, points, 1)
-        y = distance - middle if distance else 0.0
+        place = distance - middle if distance else y
         residuals = points - middle - slope * along
 
         cost = (slope / YAW_AT_REST) ** 2
-        cost += (y / Y_AT_REST) ** 2
+        cost += (place / Y_AT_REST) ** 2
         cost += np.sum((residuals / ROUGHNESS) ** 2)
         cost += np.sum((np.array(chosen) / LEVEL_AT_REST) ** 2)
-        candidates.append((cost, float(distance or middle), float(y), -float(slope)))
+        candidates.append((cost, float(middle + place), float(place), -float(slope)))
     _, distance, y, yaw = min(candidates)
     return distance, y, yaw

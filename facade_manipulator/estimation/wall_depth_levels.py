@@ -31,11 +31,13 @@ class Level:
     Surface at an offset [m] behind the wall plane, such as a recess or a mullion.
 
     The offset of a found level contains the error of the state at that time. Therefore its
-    measurements reduce the variance of the state at most to the variance of the offset.
+    measurements reduce the variance of the state at most to the variance of the offset. The same
+    holds for a configured level of a wall whose distance was found.
     """
 
     offset: float
-    variance: float = 0.0  #: of the offset [m²]; 0 if configured
+    variance: float = 0.0  #: of the offset [m²]
+    is_found: bool = False  #: by measurements, not configured
 
     def correct(self, rest: float, known: float, noise: float) -> None:
         """
@@ -72,8 +74,10 @@ class Channel:
 
     def __init__(self, sensor: WallSensor, levels: list[Level]) -> None:
         self.sensor = sensor
-        #: empty while the place of the sensor's feature is unknown
+        #: empty while the place of the sensor's wall or feature is unknown
         self.levels = levels
+        #: whether the place is configured, or the sensor needs none
+        self.is_absolute = bool(levels)
         #: of the measurements; events are in a thousandth of it
         self._unit = 'rad' if sensor.axes == (YAW,) else 'm'
         #: of measurements by 'used', 'other level', …
@@ -95,6 +99,12 @@ class Channel:
         self._decided = -math.inf  # stamp of the newest measurement with a level [s]
         # stamp, residual (NaN: accepted)
         self._recent: deque[tuple[float, float]] = deque()
+
+    def forget_place(self) -> None:
+        """Forget the place of the sensor's wall or feature."""
+        self.sensor.forget_place()
+        self.levels.clear()
+        self._recent.clear()
 
     def receive(self, now: float, stamp: float, value: float) -> float:
         """Return the time of measurement [s]; raise an InputError if it is invalid."""
@@ -206,7 +216,7 @@ class Channel:
         """Return the level nearest to a residual; prefer configured levels."""
 
         def cost(level: Level) -> float:
-            handicap = self.PREFERENCE * deviation if level.variance else 0.0
+            handicap = self.PREFERENCE * deviation if level.is_found else 0.0
             return abs(residual - level.offset) + handicap
 
         return min(self.levels, key=cost)
@@ -238,13 +248,14 @@ class Channel:
 
         The offset [m] contains the error of the state, of the given variance [m²].
         """
-        level = Level(offset, known + measurement.variance / self.FEWEST_AGREEING)
+        variance = known + measurement.variance / self.FEWEST_AGREEING
+        level = Level(offset, variance, is_found=True)
         measurement.level = level.offset
         measurement.level_variance = level.variance
         self.accept(measurement.stamp)
         self.levels.append(level)
         if len(self.levels) > self.MOST:
-            found = [one for one in self.levels if one.variance > 0.0]
+            found = [one for one in self.levels if one.is_found]
             self.levels.remove(found[0])
 
     def _agreed_residual(self) -> float | None:
