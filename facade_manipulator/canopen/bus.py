@@ -260,7 +260,7 @@ class CanBus:
         code = getattr(error, 'error_code', None) or getattr(error, 'errno', None)
         if code in self._FULL or (code is None and 'full' in str(error).lower()):
             return BusCongestedError(
-                f'{self}: the send queue is full, because no node acknowledges frames: '
-                'check power of the drives, wiring and bit rate'
+                f'{self}: the send queue is full, because no node acknowledges frames; '
+                'next: check power of the drives, wiring and bit rate'
             )
         return BusError(f'{self}: {error}')

@@ -376,8 +376,8 @@ class SdoChannel:
         """Send a request of a transfer, unless the deadline has passed."""
         if self._now() > self.deadline:
             raise DriveTimeoutError(
-                f'{self.title} was still busy with {transfer} when the time for this request was '
-                'over: it answers too slowly, or without an end'
+                f'{self.title} was still busy with {transfer} at the deadline of this request: it '
+                'answers too slowly, or the transfer does not end'
             )
         cob_id = cob_ids.SDO_REQUEST + self.node_id
         self._bus.send(cob_id, request.ljust(SDO_FRAME_LENGTH, b'\0'))

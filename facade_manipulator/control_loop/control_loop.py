@@ -157,7 +157,7 @@ class ControlLoop:
                 self._turn()
         except ConnectionError as loss:
             if self._may_have_power:
-                _log.error('%s: the carriages ramp down and the power goes off', loss)
+                _log.error('%s: the carriages ramp down and the drives power off', loss)
 
     def end(self) -> None:
         """End `run` after the present turn; the caller then calls `close`."""

@@ -225,15 +225,15 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Steps[list[str]]:
         found = yield from read(index, 0)
         if found and (found ^ expected) & used:
             conflicts.append(
-                f'object {index:04X}h:00 = {found:X}h, expected {expected:X}h ({name}): set this '
-                'value in the drive or in its profile, or correct the unit in the profile'
+                f'object {index:04X}h:00 = {found:X}h, expected {expected:X}h ({name}): write '
+                'the expected value in the drive, or correct value or unit in the profile'
             )
     counts = yield from _counts_per_revolution(read)
     if counts is not None and abs(counts - axis.counts_per_revolution) > 0.5:
         # Nanotec's drives have a feed of 1; Novanta's accept 6092h without using it
         conflicts.append(
             f'the gearing in 608Fh, 6091h and 6092h makes {counts:.10g} counts per revolution of '
-            f'the motor, expected {axis.counts_per_revolution}: correct it in the drive (6092h:01 '
+            f'the motor, expected {axis.counts_per_revolution}: correct the gearing in the drive (6092h:01 '
             f'= {axis.counts_per_revolution} for a gear ratio of 1), or correct '
             'axes.pulses_per_revolution'
         )
@@ -291,7 +291,7 @@ def check_identity(
         configured = getattr(axis, name)
         if not configured or actual == configured:
             continue
-        remedy = 'it is another drive: correct its node id or the configuration'
+        remedy = 'this is another drive: correct its node id or the configuration'
         if not actual:
             remedy = 'this drive has no such number: configure 0, or check its maker and node id'
         elif name == 'serial_number' and actual in serials:

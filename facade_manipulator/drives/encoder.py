@@ -138,4 +138,4 @@ class Encoder:
         else:
             return ''
         self.distrust()
-        return f'{failure}: it can no longer be trusted'
+        return f'{failure}: its position is no longer valid'

@@ -115,9 +115,9 @@ class Homing:
             return ''
         return (
             f'{self._name}: homing ended {self._axis.to_metres(away):+.4g} m from the '
-            'configured home_position: check the homing method; if this is twice '
-            'home_position, the drive takes 607Ch with the other sign (home_offset in its '
-            'profile)'
+            'configured home_position: check the homing method; if this distance is twice '
+            'home_position, use home_offset in the profile, because the drive takes 607Ch '
+            'with the other sign'
         )
 
     @property

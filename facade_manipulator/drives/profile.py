@@ -362,8 +362,6 @@ def _require_objects(
     unknown = carried - possible
     if unknown:
         indices = ', '.join([f'{index:04X}h' for index in sorted(unknown)])
-        raise ValueError(f'{kind} carries {indices}, which it cannot carry')
+        raise ValueError(f'{kind} maps {indices}, which no {kind} can map')
     for index in sorted(needed - carried):
-        raise ValueError(
-            f'no {kind} carries object {index:04X}, which every drive needs'
-        )
+        raise ValueError(f'no {kind} maps object {index:04X}h, which every drive needs')

@@ -163,8 +163,8 @@ class SdoAccess:
         )
         if self.serial_number and not self._axis.serial_number:
             notes.append(
-                f'{self._title} accepts any drive: set its serial_number, now '
-                f'{self.serial_number}, so that swapped axes are found'
+                f'{self._title} accepts any drive, so that swapped axes are not found; next: '
+                f'set its serial_number to {self.serial_number}'
             )
         return notes
 

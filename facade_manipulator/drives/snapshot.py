@@ -77,7 +77,7 @@ class Remedy:
     BUS = 'check the CAN bus, wait until it is back'
     TRACKING = 'check load, drive and controller.drive_lag of the carriage that lags'
     COMPUTER = 'end other programs on this computer'
-    CONFIGURE = 'check its power and cable'
+    CONFIGURE = 'check power and cable of the drive'
     START_DRIVER = 'start the driver again'
     OTHER_MASTER = (
         'find the other master (a second driver, a configuration tool) and end it'
