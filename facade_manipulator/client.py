@@ -142,7 +142,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
     )
     #: progress of a goal whose messages were lost, such as behind those of other goals
     UNKNOWN_PROGRESS = GoalProgress(
-        'unknown', math.nan, math.nan, 'its state is unknown'
+        'unknown', math.nan, math.nan, 'the state of the goal is unknown'
     )
     SILENT_DRIVER = ManipulatorStatus(
         SILENT.state,

@@ -199,7 +199,8 @@ class DisturbanceEstimator:
             if not self.is_coasting:
                 self.is_coasting = True
                 self._note(
-                    'imu', f'silent for {silence:.2f} s: the filter runs without it'
+                    'imu',
+                    f'silent for {silence:.2f} s: the filter runs without the IMU',
                 )
             self._history.add_input(self._now, None)
 

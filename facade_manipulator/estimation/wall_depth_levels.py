@@ -233,8 +233,8 @@ class Channel:
             return ''
         return (
             f'measuring again after {silence:.2f} s: the place of the wall is assumed '
-            f'at {1e3 * level.offset:+.1f} m{self._unit}, by an estimate of '
-            f'+-{1e3 * math.sqrt(known):.1f} m{self._unit}'
+            f'at {1e3 * level.offset:+.1f} m{self._unit}, from an estimate '
+            f'with a deviation of {1e3 * math.sqrt(known):.1f} m{self._unit}'
         )
 
     def accept(self, stamp: float) -> None:

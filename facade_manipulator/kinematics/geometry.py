@@ -158,7 +158,7 @@ class Geometry:
         if self.carriage_gap >= self.platform_half_length:
             raise ParameterError(
                 f'carriage_gap = {self.carriage_gap:g} m is not below platform_half_length = '
-                f'{self.platform_half_length:g} m, so that no pose respects it; next: reduce it'
+                f'{self.platform_half_length:g} m, so that no pose keeps this gap; next: reduce it'
             )
 
     @property

@@ -79,8 +79,8 @@ def require_possible(
         if difference > bound or (difference > backlash and bend > 0.5 * bound):
             raise InputError(
                 'inconsistent',
-                f'setpoint velocity of {carriage} = {end:.4g} m/s, but its '
-                f'positions change by {mean:.4g} m/s, after {start:.4g} m/s, which is above '
+                f'setpoint velocity of {carriage} = {end:.4g} m/s contradicts the mean velocity '
+                f'{mean:.4g} m/s of its positions, after {start:.4g} m/s: the change is above '
                 f'the limit {acceleration:g} m/s^2 (twice limits.acceleration)',
             )
 
@@ -179,8 +179,8 @@ class SetpointStream:
         if length > self.LONGEST_PATH * spacing:
             raise InputError(
                 'tolerance',
-                f'a path of {length:.4g} m in steps of {spacing:g} m is above the limit '
-                f'{self.LONGEST_PATH} steps',
+                f'a path of {length:.4g} m needs {length / spacing:.4g} steps of {spacing:g} m, '
+                f'above the limit {self.LONGEST_PATH} steps',
             )
 
         carriages = []

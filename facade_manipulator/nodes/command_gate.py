@@ -146,7 +146,7 @@ class CommandGate(Generic[C]):
         if self.status is None or self.is_open:
             return InputError(
                 'inactive',
-                f'it was sent before the drives were activated{NEXT}{next_step}',
+                f'the command was sent before the drives were activated{NEXT}{next_step}',
             )
         first = self.status.next_step or 'wait until the drives are active'
         return InputError(

@@ -191,7 +191,7 @@ class CompensatorNode(BaseNode):
             raise InputError(
                 'frame',
                 'disturbance_odometry contains no child_frame_id, expected '
-                f"'{self._frames.rail}' or the estimator's own",
+                f"'{self._frames.rail}' or the frame of the estimator",
             )
         place, self._out_of_plane, variances = planar_messages.estimated_pose(
             message, 'disturbance'

@@ -108,8 +108,8 @@ class DisturbanceEstimatorNode(BaseNode):
         if not message.min_range <= message.range <= message.max_range:
             raise InputError(
                 'range',
-                f'{name} = {message.range:.4g} m is not between its '
-                f'{message.min_range:.4g} and {message.max_range:.4g} m',
+                f'{name} = {message.range:.4g} m is outside the range of the sensor, '
+                f'{message.min_range:.4g} to {message.max_range:.4g} m',
             )
         require_measured(name, message.variance)
         self._estimator.add(

@@ -275,7 +275,7 @@ class IkServiceNode(BaseNode):
         if not self._gate.has_passed:
             return 'ok', 'holding: no goal since the drives were activated'
         if status.activity == 'holding':
-            return 'ok', 'holding: no goal is received'
+            return 'ok', 'holding: no goal is being received'
         return 'ok', 'following the goals'
 
     def _components(self) -> list[DiagnosticStatus]:

@@ -194,8 +194,8 @@ def not_measured_error(
     """Return the error for a value whose variance marks it as not measured."""
     return InputError(
         'not_measured',
-        f'{name} rejected: its variance = {variance:g} marks a value that was not '
-        f'measured, expected 0 to {largest_deviation**2:g}; next: check the sensor',
+        f'{name} rejected: its variance = {variance:g} means that it was not measured, '
+        f'expected 0 to {largest_deviation**2:g}; next: check the sensor',
     )
 
 

@@ -78,7 +78,10 @@ def calibrate_geometry(options: argparse.Namespace) -> Iterator[str]:
 
     errors = geometry_fit.held_out_errors(drawing, measurements, noise, found)
     before, after = map(in_units, errors)
-    yield f'Rows left out of the fit were off by {before} before and are off by {after} now.'
+    yield (
+        f'The rows left out of the fit have an RMS error of {before} before the fit, '
+        f'and of {after} after it.'
+    )
 
     values = {name: getattr(found.geometry, name) for name in geometry_fit.FIELDS}
     yield from _parameters('/**', 'geometry', values)
@@ -104,7 +107,10 @@ def calibrate_estimator(options: argparse.Namespace) -> Iterator[str]:
         strict=True,
     ):
         yield _line(name, value, deviation, unit)
-    yield f'The instrument is {1e3 * found.late:+.1f} ms late; {in_units(found.residual)} remain.'
+    yield (
+        f'The stamps of the instrument are {1e3 * found.late:+.1f} ms late; '
+        f'{in_units(found.residual)} remain.'
+    )
     values = {'mounting': mounting, 'delay': delay}
     yield from _parameters('/**/compensator', 'estimate', values)
 

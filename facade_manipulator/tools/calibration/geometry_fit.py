@@ -277,8 +277,8 @@ def _fit_rows(
 
     if measured.sum() <= count:
         raise CalibrationError(
-            f'table rejected: {measured.sum()} measured numbers for {count} '
-            'errors; next: measure more poses'
+            f'table rejected: {measured.sum()} measured values, more than {count} are '
+            f'needed to fit {count} errors of the machine; next: measure more poses'
         )
 
     scaled, jacobian = robust.fit(residuals, np.zeros(count), 'soft_l1')

@@ -91,11 +91,13 @@ def differences(
     found += yield from configuration.unit_conflicts(read, axis)
 
     if not (yield from configuration.stops_without_master(drive, profile)):
-        found.append('it does not stop when this computer is silent (1016h with 6007h)')
+        found.append(
+            'the drive does not stop when this computer is silent (1016h with 6007h)'
+        )
     modes = yield from read(indices.SUPPORTED_MODES, 0)
     if modes is not None and not modes & _CYCLIC_POSITION:
         found.append(
-            f'it does not support cyclic synchronous position (6502h = {modes:X}h, bit 7)'
+            f'the drive does not support cyclic synchronous position (6502h = {modes:X}h, bit 7)'
         )
     return found
 

@@ -187,7 +187,7 @@ def _narrowed(axis: AxisSettings, window: float, speed: float) -> AxisSettings:
     methods = METHODS_AT_PRESENT_POSITION & {*load_profile(axis.profile).homing_methods}
     if not methods:
         raise CommissioningError(
-            f'profile {axis.profile} rejected: it cannot home in place; '
+            f'profile {axis.profile} rejected: its drive cannot home in place; '
             'next: add 37 or 35 to its homing_methods'
         )
     return replace(

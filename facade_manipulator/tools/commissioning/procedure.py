@@ -146,7 +146,7 @@ class Context:
             if effective[name] != value:
                 raise ParameterError(
                     f'{name}: {value} has no effect: {self.files[0]} overrides it for one '
-                    'namespace; next: remove it there'
+                    'namespace; next: remove the parameter from that file'
                 )
         self.overlay.write(step, {})
         print(f'{self.overlay.path} gets {self.written}')
