@@ -186,7 +186,7 @@ def test_endless_segments_time_out():
     drive = ScriptedDrive(lambda data: (next(segments),))
     drive.channel.deadline = 0.2
     with pytest.raises(
-        DriveTimeoutError, match='busy with object 6065h:00 .*end'
+        DriveTimeoutError, match='busy with object 6065h:00 .*the transfer does not end'
     ):
         drive.read()
     assert len(drive.requests) > 10

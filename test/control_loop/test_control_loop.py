@@ -151,7 +151,9 @@ def test_node_lost_at_full_speed_ends_in_a_ramp(caplog, leave, errors):
     assert words[-1] == Controlword.DISABLE_VOLTAGE
     assert rig.state == ControllerState.CLOSED
     assert rig.drive_states == OFF
-    assert caplog.text.count('the carriages ramp down and the ') == errors
+    assert (
+        caplog.text.count('the carriages ramp down and the drives power off') == errors
+    )
 
 
 def test_node_that_hangs_after_a_stop_leaves_no_power():

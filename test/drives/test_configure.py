@@ -21,7 +21,10 @@ def test_drives_just_switched_on_are_configured(rig):
     configured(rig)
     assert rig.state is ControllerState.INACTIVE
     notes = '; '.join(rig.snapshot.notes)
-    assert 'q2 (node 2) accepts any drive' in notes
+    assert (
+        'q2 (node 2) accepts any drive, so that swapped axes are not found; next: set its '
+        'serial_number to 2' in notes
+    )
 
 
 def test_drive_with_other_identity_is_rejected(make_rig):

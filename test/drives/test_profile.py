@@ -147,13 +147,13 @@ def test_missing_profile_or_data_folder_is_rejected(tmp_path, monkeypatch, name)
                 (0xFF02, {}, 'message'),
             )
         ),
-        (with_pdos(TPDO1=[0x6041, 0x6061]), 'no TPDO (carries|maps) object 6064'),
-        (with_pdos(RPDO1=[0x6040, 0x607A]), 'no RPDO (carries|maps) object 6060'),
+        (with_pdos(TPDO1=[0x6041, 0x6061]), 'no TPDO maps object 6064h'),
+        (with_pdos(RPDO1=[0x6040, 0x607A]), 'no RPDO maps object 6060h'),
         (
             with_pdos(RPDO1=[0x6040, 0x6060, 0x607A, 0x6064]),
-            'RPDO (carries|maps) 6064h',
+            'RPDO maps 6064h',
         ),
-        (with_pdos(TPDO2=[0x2000]), 'TPDO (carries|maps) 2000h, '),
+        (with_pdos(TPDO2=[0x2000]), 'TPDO maps 2000h, '),
         (
             with_pdos(TPDO4=[0x606C, 0x60F4, 0x6077]),
             'TPDO4 has 10 bytes, above the limit of 8',

@@ -250,7 +250,7 @@ def test_diagnostics_report_whether_goals_are_followed(bench):
     bench.until(lambda: bench.setpoints, 'a setpoint')
     for activity, message in (
         ('following', 'following the goals'),
-        ('holding', 'holding: no goal is '),
+        ('holding', 'holding: no goal is being received'),
     ):
         bench.publish_driver('active', activity, since=bench.now() - 1.0)
         bench.until_status('goal', message, 'ok')
