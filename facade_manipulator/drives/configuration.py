@@ -233,8 +233,8 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Steps[list[str]]:
         # Nanotec's drives have a feed of 1; Novanta's accept 6092h without using it
         conflicts.append(
             f'the gearing in 608Fh, 6091h and 6092h makes {counts:.10g} counts per revolution of '
-            f'the motor, expected {axis.counts_per_revolution}: correct the gearing in the drive (6092h:01 '
-            f'= {axis.counts_per_revolution} for a gear ratio of 1), or correct '
+            f'the motor, expected {axis.counts_per_revolution}: correct the gearing in the drive '
+            f'(6092h:01 = {axis.counts_per_revolution} for a gear ratio of 1), or correct '
             'axes.pulses_per_revolution'
         )
     return conflicts
