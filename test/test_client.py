@@ -300,7 +300,7 @@ def test_reached_goal_ends_go_to(client, machine):
         ),
     ],
 )
-def test_goal_that_is_not_reached_raises_its_reason(
+def test_unreached_goal_raises_error_with_its_reason(
     client, machine, state, values, error, message
 ):
     client.answer_timeout = 0.5

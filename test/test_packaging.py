@@ -212,7 +212,7 @@ def test_installation_page_lists_packages_that_rosdep_lacks(keywords):
     assert set(line.split('|')) == missing - of_rosdep
 
 
-def test_nodes_and_tables_run_without_optional_packages():
+def test_nodes_and_table_tools_run_without_optional_packages():
     unwanted = {'matplotlib', 'PIL', 'scipy', 'rosbags'}
     modules = sorted(
         f'facade_manipulator.nodes.{path.stem}'

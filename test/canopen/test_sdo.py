@@ -126,7 +126,7 @@ def test_download_request_of_cia_301_begins_a_write(first, begins_write):
     'frames',
     [(), (OTHER,), (OTHER, VALUE), (b'', VALUE), (b'\x43', VALUE), (VALUE[:7], VALUE)],
 )
-def test_wrong_answer_is_ignored_or_repeats_the_request(frames):
+def test_wrong_answer_is_ignored_or_request_is_repeated(frames):
     script = iter([frames, (VALUE,)])
     drive = ScriptedDrive(lambda data: next(script))
     assert drive.read() == 17280

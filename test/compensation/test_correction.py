@@ -123,7 +123,7 @@ def test_short_silence_is_bridged_by_the_prediction(settled):
 
 
 @pytest.mark.parametrize(('gap', 'bound'), [(0.6, 4e-3), (0.8, 13e-3), (0.95, 24e-3)])
-def test_gap_below_one_second_costs_only_prediction_error(settled, gap, bound):
+def test_gap_below_one_second_adds_only_prediction_error(settled, gap, bound):
     run = deepcopy(settled).go(gap, heard=False)
     assert run.correction.mode is CorrectionMode.ACTIVE
     assert run.correction.is_silent(run.now)

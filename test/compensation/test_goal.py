@@ -255,7 +255,7 @@ def test_rejected_goal_is_reported_beside_the_followed_goal(machine):
 
 
 @pytest.mark.parametrize('duration, state', [(0.2, 'moving'), (LONG, 'reached')])
-def test_followed_goal_is_the_last_report_after_a_rejection(machine, duration, state):
+def test_last_report_after_rejection_is_of_the_followed_goal(machine, duration, state):
     machine.follow(GOAL, '1.0')
     machine.run(duration)
     machine.goals.reject('2.0', 'far')
@@ -330,7 +330,7 @@ def test_goal_of_a_head_at_rest_is_held_back():
     )
 
 
-def test_goal_beside_the_end_of_the_path_is_held_back():
+def test_head_away_from_its_path_end_is_held_back():
     """The head follows within 20 mm, but ends outside the tolerance of 5 mm."""
     machine = Machine(lag=None)
     machine.head.compensator.correction.enabled = True

@@ -294,7 +294,7 @@ def test_hold_ends_pressing_until_the_next_goal(duration, mode, is_dropped):
     assert pressing.mode is PressMode.HOLDING
 
 
-def test_goal_after_a_dropped_goal_is_approached_off_the_wall():
+def test_goal_after_dropped_goal_is_approached_off_the_wall():
     run = CompensatedHead(goal=BEHIND_WALL, contact=STIFF_BRUSH, lag=0.0)
     feel(run, 25.0, wall=0.185)
     pressing = run.compensator.contact.pressing

@@ -274,7 +274,7 @@ def test_states_are_sent_at_most_at_100_hz(rate):
     assert 90 <= len(rig.node.sent['state']) <= 105
 
 
-def test_flood_of_the_stream_delays_a_step_by_a_tenth():
+def test_stream_flood_delays_a_step_by_a_tenth():
     rig = LoopRig()
     at_rest(rig)
     times = []

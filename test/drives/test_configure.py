@@ -74,7 +74,7 @@ def emergencies(rig):
     return {one for one in heard if 0x81 <= one <= 0xFF}
 
 
-def test_cleanup_leaves_no_drive_missing_the_master(rig):
+def test_no_drive_reports_a_lost_master_after_cleanup(rig):
     configured(rig)
     rig.request('cleanup')
     rig.frames()
@@ -82,7 +82,7 @@ def test_cleanup_leaves_no_drive_missing_the_master(rig):
     assert not emergencies(rig)
 
 
-def test_master_that_falls_silent_is_missed_by_drives(rig):
+def test_drives_report_a_master_that_falls_silent(rig):
     configured(rig)
     rig.frames()
     rig.pass_time(3.0 * SETTINGS.heartbeat_timeout)

@@ -235,7 +235,7 @@ def test_moved_sync_is_accepted_at_once(moved):
 
 
 @pytest.mark.parametrize('step', [-30.0, -0.3, -0.05, 0.05, 0.3, 30.0])
-def test_set_system_clock_leaves_smooth_times_unchanged(step):
+def test_system_clock_step_leaves_smooth_times_unchanged(step):
     clock = started()
     for number in range(3):
         clock.begin(T * number, 100.0 + T * number + (step if number == 2 else 0.0))

@@ -116,7 +116,7 @@ def test_drives_of_another_type_home_and_move(
     assert ([*values] == [None, None]) is ('pdos' in changes)
 
 
-def test_homing_that_lacks_bit_10_names_the_quirk(make_rig):
+def test_missing_bit_10_in_homing_names_the_quirk(make_rig):
     axes = tuple(replace(axis, homing_speed=1.0) for axis in DEFAULT_AXES)
     rig = make_rig(axes=axes)
     never_set_bit_10(rig.drives[1])

@@ -175,7 +175,7 @@ def test_halt_is_accepted_and_ends_all_motion(situation):
 
 @pytest.mark.parametrize('latency', range(3))
 @pytest.mark.parametrize('cycles', range(30))
-def test_halt_in_any_cycle_of_activation_powers_off(cycles, latency):
+def test_halt_in_any_activation_cycle_switches_power_off(cycles, latency):
     """An activation that was not confirmed must not leave power on."""
     drives = Drives(latency)
     drives.ask(Group.enable)
@@ -191,7 +191,7 @@ def test_halt_in_any_cycle_of_activation_powers_off(cycles, latency):
 
 @pytest.mark.parametrize('pause', [0, 1, 5])
 @pytest.mark.parametrize('cycles', range(30))
-def test_two_halts_in_an_activation_power_off(cycles, pause):
+def test_two_halts_during_activation_switch_power_off(cycles, pause):
     drives = Drives()
     drives.ask(Group.enable)
     drives.cycle(cycles)

@@ -64,9 +64,7 @@ def restart_without_heartbeat(rig: Rig, drive: SimulatedDrive) -> None:
     'restart_', [restart, restart_itself, restart_without_heartbeat]
 )
 @pytest.mark.parametrize('numbers', [(0,), (0, 1, 2)], ids=str)
-def test_restart_that_nobody_heard_loses_the_home_position(
-    rig, situation, restart_, numbers
-):
+def test_unnoticed_restart_loses_the_home_position(rig, situation, restart_, numbers):
     SITUATIONS[situation](rig)
     for number in numbers:
         restart_(rig, rig.drives[number])

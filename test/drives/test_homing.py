@@ -255,7 +255,7 @@ def test_slip_after_the_axis_is_homed_stops_homing(make_rig, methods, cycles):
 @pytest.mark.long
 @pytest.mark.parametrize('speed', [0.1, 0.5])
 @pytest.mark.parametrize('method', [37, 17, 1, -4])
-def test_ordinary_homing_is_no_slip(make_rig, method, speed):
+def test_ordinary_homing_is_not_reported_as_slip(make_rig, method, speed):
     rig = make_rig(axes=homing_axes(3 * [method], speed))
     answer = rig.request('configure', 'home')
     assert answer.count('is homed') == 3

@@ -142,7 +142,9 @@ def streamed(rig, *steps):
 
 
 @pytest.mark.parametrize('has_kernel_sync', [False, True])
-def test_set_system_clock_neither_moves_nor_stops_the_drives(make_rig, has_kernel_sync):
+def test_system_clock_step_neither_moves_nor_stops_the_drives(
+    make_rig, has_kernel_sync
+):
     steps = [0.0, -0.3, -30.0, -0.05, 0.05, 5.0, -0.15, 0.3, 30.0, -0.4]
     rigs = [make_rig(has_kernel_sync=has_kernel_sync) for _ in range(2)]
     expected = streamed(rigs[0], *[0.0] * len(steps))

@@ -63,7 +63,7 @@ def test_halt_and_forbidden_power_have_a_cause(state, forbidden, cause):
     assert outcome_of(stopped).cause == 'q1 is late'
 
 
-def test_reply_has_the_next_step_after_its_own():
+def test_state_next_step_follows_that_of_the_reply():
     halted = ACTIVE._replace(state=ControllerState.HALTED, next_step='clear_faults')
     reply = outcome_of(halted).with_next_step('home failed; next: wait', 'power: on')
     assert reply == 'home failed; power: on; next: wait, then clear_faults'

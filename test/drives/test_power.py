@@ -95,7 +95,7 @@ def test_close_after_an_unconfirmed_cleanup_names_the_drive_again(make_rig):
     assert answer in rig.rejection('close')
 
 
-def test_configure_after_an_unconfirmed_cleanup_forgets_it(make_rig):
+def test_configure_clears_the_report_of_an_unconfirmed_cleanup(make_rig):
     rig = make_rig(settings=IMPATIENT)
     stop_with_power(rig, fall_silent)
     rig.rejection('cleanup')
@@ -105,7 +105,7 @@ def test_configure_after_an_unconfirmed_cleanup_forgets_it(make_rig):
 
 
 @pytest.mark.parametrize('has_started', [False, True])
-def test_failed_configure_keeps_the_watch_of_a_silent_drive(rig, has_started):
+def test_failed_configure_lets_a_silent_drive_monitor_the_master(rig, has_started):
     job = rig.ask('configure')
     if has_started:
         rig.until(lambda: getattr(rig.controller.bus.exchange, 'has_started', False))

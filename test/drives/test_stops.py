@@ -49,7 +49,7 @@ def test_restarted_node_receives_no_process_data(make_rig):
 
 
 @pytest.mark.parametrize('share', [0.05, 0.3, 0.78, 0.85, 0.95, 0.99])
-def test_stop_shortly_before_sync_waits_for_it(make_rig, share):
+def test_stop_shortly_before_sync_waits_for_this_sync(make_rig, share):
     """Otherwise one drive might latch it now and its neighbour a period later, at full speed."""
     rig = make_rig(has_kernel_sync=True)
     at_rest(rig)
@@ -214,7 +214,7 @@ def test_stop_takes_effect_whatever_follows_at_once(
 
 @STOPS
 @pytest.mark.parametrize('request_', ['home', 'activate'])
-def test_stop_cancels_a_request_just_before_it(rig, request_, press):
+def test_stop_cancels_the_request_just_before_the_stop(rig, request_, press):
     configured(rig)
     job = rig.ask(request_)
     press(rig)

@@ -141,7 +141,7 @@ def test_panes_around_an_outage_do_not_restart_the_axis(panes):
     assert deviations.max() < 5e-3
 
 
-def test_recess_after_an_outage_of_a_second_becomes_a_level():
+def test_recess_after_a_one_second_outage_becomes_a_level():
     depth = surface(RECESS, (LOSS, LOSS + 3.0))
     sensors = Sensors(is_measured=lost(LOSS, LOSS + 1.0), depth=depth)
     sensors.run(LOSS + 3.0)

@@ -154,14 +154,14 @@ def test_estimates_in_gusts_are_as_accurate_as_published():
         'transoms',
     ],
 )
-def test_bad_sensor_is_named_without_harm_to_the_estimate(spoil, bounds, events):
+def test_bad_sensor_is_named_and_estimate_stays_accurate(spoil, bounds, events):
     run = spoilt_later(spoil)
     require_events(run, *events)
     assert (rms(run) < bounds).all()
 
 
 @pytest.mark.long
-def test_panes_do_no_harm_to_the_estimate():
+def test_window_panes_do_not_degrade_the_estimate():
     run = Run(record(DURATION), spoilt(*RANGES, offset=glass))
     require_events(run)
     assert (rms(run) < GOOD).all()
@@ -261,7 +261,7 @@ def test_unknown_distance_of_the_wall_is_measured_at_start():
     assert motion.pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
 
 
-def test_set_clock_restarts_all_axes():
+def test_clock_step_restarts_all_axes():
     estimator = DisturbanceEstimator(POSE)
     for begin in (START, START - 100.0, START + 100.0):
         for k in range(100):

@@ -208,7 +208,7 @@ def test_fix_without_a_place_is_not_counted_as_outlier():
 
 
 @pytest.mark.parametrize('pose', [lambda _: False, lambda time: time < 0.1])
-def test_fix_without_a_place_starts_x_beside_a_silent_pose(pose):
+def test_fix_without_place_starts_x_while_pose_is_silent(pose):
     rail = Rail(FIX_AND_POSE, {'fix_pose.x': pose, 'fix_x': always}, {'fix_x': MARK})
     rail.run(2.0)
     assert rail.events[-1] == 'x: started by fix_x'

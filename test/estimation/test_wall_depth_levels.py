@@ -83,7 +83,7 @@ def test_yaw_in_another_unit_is_rejected_in_radians():
         yaw_channel().receive(0.0, 0.0, 30.0)
 
 
-def test_window_panes_are_outliers_without_a_level():
+def test_window_panes_are_outliers_and_make_no_level():
     seen = channel()
     random = np.random.default_rng(1)
     is_pane = random.random(500) < 0.5

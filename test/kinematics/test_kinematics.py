@@ -90,7 +90,7 @@ def test_carriages_of_another_working_mode_are_rejected(theta, side, name):
     ('carriages', 'name'),
     [((-0.45, 0.5, 0.0), 'q3 - q2'), ((-0.5, 0.45, 0.0), 'q1 - q3')],
 )
-def test_both_sides_of_another_working_mode_name_the_worse(carriages, name):
+def test_links_of_another_working_mode_name_the_worse_side(carriages, name):
     q1, q2, q3 = carriages
     with pytest.raises(UnreachableError, match='another working mode') as error:
         forward_kinematics(DESIGN, Carriages(q1, q2, q3))

@@ -172,7 +172,7 @@ def test_command_during_silence_is_rejected_at_once(active):
     assert active.reasons[0].startswith('the driver is silent; next: check whether')
 
 
-def test_silence_ends_the_followed_commands_once(active):
+def test_driver_silence_ends_followed_commands_once(active):
     active.offer()
     active.wait(2 * DRIVER_SILENCE)
     assert len(active.ends) == 1
@@ -200,7 +200,7 @@ def test_another_activation_ends_the_followed_commands(active):
 
 
 @pytest.mark.parametrize('step', [0.0, -600.0])
-def test_set_system_clock_lets_no_earlier_command_pass(bench, step):
+def test_system_clock_step_lets_no_earlier_command_pass(bench, step):
     """The system clock is set back, so that the activation is in the future."""
     bench.report('inactive')
     earlier = bench.offer()

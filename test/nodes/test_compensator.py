@@ -445,7 +445,7 @@ def test_goal_before_or_during_driver_silence_moves_nothing(neighbours, during):
     neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
 
 
-def test_hold_ends_the_goal_and_reports_no_other(following):
+def test_hold_ends_the_goal_with_a_single_report(following):
     reply = following.call(topics.HOLD)
     assert reply.success
     assert reply.message == (f'the head stays on the wall at {millimetres(GOAL)}')

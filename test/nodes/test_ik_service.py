@@ -275,7 +275,7 @@ def test_pose_before_the_activation_moves_nothing(bench):
     bench.until(lambda: not bench.is_approaching, 'the end of the approach')
 
 
-def test_pose_that_the_gate_held_is_for_the_present(bench):
+def test_held_pose_applies_at_the_time_it_passes(bench):
     bench.gate.patience = 60.0
     bench.publish_driver('activating')
     since = bench.now()

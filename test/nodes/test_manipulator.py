@@ -103,7 +103,7 @@ def test_topic_with_one_other_name_is_connected(ros):
     assert '/elsewhere' not in both.subscribed_topics()[1]
 
 
-def test_defect_of_a_called_node_is_its_own(ros, monkeypatch):
+def test_defect_is_attributed_to_the_called_node(ros, monkeypatch):
     both = Connected(ros)
     ros.until(lambda: both.setpoints, 'setpoints')
     monkeypatch.setattr(both.ik_service._gate, 'offer', None)

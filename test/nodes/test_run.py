@@ -231,7 +231,7 @@ def test_exception_of_each_callback_is_handled(executor, callback):
     assert isinstance(handled[0], ZeroDivisionError)
 
 
-def test_bad_request_to_a_service_is_no_defect(executor):
+def test_bad_request_to_a_service_is_not_a_defect(executor):
     """A parameter of an unknown type makes rclpy raise an exception."""
 
     def ask():

@@ -131,7 +131,7 @@ def test_true_between_two_turns_is_not_missed(bench):
     assert 'software_stop was set' in bench.rejection('home')
 
 
-def test_true_is_in_force_before_the_next_turn_of_the_driver(bench):
+def test_true_message_acts_before_the_next_driver_turn(bench):
     timers = list(bench.tested.timers)
     for timer in timers:
         timer.cancel()

@@ -147,7 +147,7 @@ def test_estimate_noise_does_not_count_as_forecast_error():
 
 @pytest.mark.long
 @pytest.mark.parametrize('share', [0.0, 0.4, 1.0])
-def test_trust_is_the_right_share_of_the_step(share):
+def test_trust_is_the_correct_share_of_the_step(share):
     wave = np.random.default_rng(3).standard_normal(520)
     continuation = Continuation(1, NEAR)
     noise = np.full(1, 1e-3)

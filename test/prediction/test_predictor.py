@@ -150,7 +150,7 @@ def test_sways_are_predicted_with_the_published_deviation(
     assert 0.91 < learnt.share_within_two_deviations(10.0).mean() < 0.99
 
 
-def test_deviation_is_right_after_five_minutes_of_tones():
+def test_deviation_is_correct_after_five_minutes_of_tones():
     learnt = Run(BREEZE, 300.0, rate=10.0)
     assert (learnt.share_within_two_deviations(150.0) > 0.93).all()
 

@@ -247,7 +247,9 @@ def test_foreign_slave_not_storing_its_node_id_is_named(make_rig, rejected):
         (0x602, bytes(8)),
     ],
 )
-def test_commands_are_rejected_beside_another_master(make_rig, rejected, frame):
+def test_commands_are_rejected_while_another_master_is_active(
+    make_rig, rejected, frame
+):
     rig = make_rig('--new')
     rig.later(0.3, lambda: rig.deliver([frame]))
     assert 'is in use by another master' in rejected(*ASSIGN)

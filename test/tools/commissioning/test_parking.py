@@ -9,7 +9,7 @@ from facade_manipulator.simulation.drives import hand
 PUSHED = 0.03  # m
 
 
-def test_carriage_that_is_not_parked_has_a_wrong_position_without_message():
+def test_unparked_carriage_has_a_wrong_position_without_message():
     rig = Rig()
     assert all(axis.homing_method == 37 for axis in rig.axes)
     hand.act('push q2 30', {'q2': rig.drives[1]})

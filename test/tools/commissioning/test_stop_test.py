@@ -73,7 +73,7 @@ def test_quick_stop_weaker_than_configured_is_rejected(rig, capsys, spoil):
     assert 'stop-test' not in rig.overlay.steps()
 
 
-def test_slow_stop_test_does_not_know_the_deceleration(rig, capsys):
+def test_slow_stop_test_is_too_inaccurate_for_the_deceleration(rig, capsys):
     assert rig.run(*SLOW) == 1
     assert 'next: repeat with commission stop-test --speed 300' in (
         capsys.readouterr().err
@@ -154,7 +154,7 @@ def test_late_cycles_of_a_stop_are_reported(rig, monkeypatch, capsys):
     assert re.search(LATE_CYCLES, capsys.readouterr().out)
 
 
-def test_late_cycles_are_the_first_problem_of_a_failed_stop(rig, monkeypatch, capsys):
+def test_late_cycles_are_first_problem_of_a_failed_stop(rig, monkeypatch, capsys):
     monkeypatch.setattr('fake_bus.ON_THE_WIRE', 1e-3)
     decelerates(0.5)(rig.drives[0])
     assert rig.run('stop-test') == 1
