@@ -39,8 +39,8 @@ def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
     """
     Return the object dictionary of an EDS or DCF; accept common deviations from CiA 306.
 
-    The text may be UTF-8 or in a Windows code page. It may contain names in any case, tabs, and
-    numbers that are empty, octal or without 0x. An object without a data type is left out.
+    The text may be UTF-8 or in a Windows code page. The text may contain names in any case, tabs,
+    and numbers that are empty, octal or without 0x. An object without a data type is left out.
     Raises a ParameterError with the reason for any other deviation.
     """
     data = path.read_bytes()

@@ -3,7 +3,8 @@ CAN interface: settings, counters, and checks that it exists, is up and has the 
 
 SocketCAN opens an interface that is down or uses another bit rate without an error. This module
 checks both beforehand, with iproute2 if installed, otherwise in /sys.
-It imports no CAN library, because the driver node has no bus and saves the library's memory.
+The module imports no CAN library, because the driver node has no bus and saves the memory of the
+library.
 """
 
 from __future__ import annotations

@@ -270,7 +270,7 @@ class LoopClient:
         """Receive the loop's messages, then call the functions for its replies."""
         if not self._is_lost:
             self._receive()
-        while self._replies:  # an exception of one leaves the others for the next call
+        while self._replies:  # after an exception, the next call continues
             on_reply, reply = self._replies.popleft()
             on_reply(reply)
 

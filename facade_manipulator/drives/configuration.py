@@ -40,7 +40,7 @@ Read = Callable[[int, int], Steps['int | None']]
 # --- the writes of a drive
 
 
-# masks of the bits that are not reserved, by index; a drive may set the others
+# masks of the bits that are not reserved, by index; a drive may set all other bits
 _USED_VALUE_BITS = {
     indices.COB_ID_SYNC: sync.PRODUCER | cob_ids.EXTENDED_FRAME | cob_ids.COB_ID_BITS,
     indices.COB_ID_EMERGENCY: cob_ids.NOT_VALID

@@ -112,7 +112,7 @@ class CyclicExchange:
         Handle frames until the step is due, for at most `LONGEST_WAIT`.
 
         Before the start of the cycle the method returns after each frame, because a request may
-        wait for it.
+        wait for this frame.
         """
         end = self._time.monotonic() + LONGEST_WAIT
         self._pump(end)
@@ -304,8 +304,8 @@ class CyclicExchange:
         Send all commands between the same two SYNCs; skip a drive that has restarted.
 
         Shortly before the time of the kernel's SYNC the commands wait, and `_advance` tries again.
-        Otherwise one drive might latch its command a period before the others. Only commands of
-        drives that follow no targets wait: late targets are withdrawn.
+        Otherwise one drive might latch its command a period before the other drives. Only commands
+        of drives that follow no targets wait: late targets are withdrawn.
         """
         self._waits_for_sync = not self.clock.has_time(now)
         if self._waits_for_sync:

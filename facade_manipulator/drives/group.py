@@ -15,8 +15,8 @@ How requests, plans, homing and the cycle act on the group:
               the state stopped, which only `reset` leaves
 
 The group enables operation only inside `Group.enable` and `Group.home`, which an operator
-requests. It has no clock and no bus: time is an argument, the feedback of the axes is the input,
-and their output takes the commands.
+requests. The group has no clock and no bus: time is an argument, the feedback of the axes is the
+input, and their output takes the commands.
 """
 
 from __future__ import annotations

@@ -2,10 +2,10 @@
 SDO access to one drive: identity, configuration, use by others, and power.
 
 The methods of `SdoAccess` that use objects are generators, which yield while they wait for the
-drive. They raise a DriveError that names the drive and its failure, or a BusError if the bus is
-lost. `begin` starts one of them. Each answer of the drive resumes it at once, because a drive has
-more than a hundred objects. The request also resumes it in each turn of the control loop, for its
-time-outs.
+drive. These generators raise a DriveError that names the drive and its failure, or a BusError if
+the bus is lost. `begin` starts a generator. Each answer of the drive resumes the generator at
+once, because a drive has more than a hundred objects. The request also resumes the generator in
+each turn of the control loop, for its time-outs.
 """
 
 from __future__ import annotations

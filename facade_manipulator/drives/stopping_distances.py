@@ -361,9 +361,9 @@ class StoppingAnalysis:
         """
         Return the distance [m] that remains when two approaching carriages stop.
 
-        They start at the minimum distance at which the driver lets them approach each other with
-        the speed [m/s]. They brake with a deceleration [m/s²] after the lag of the drives and the
-        spread of their inputs [s].
+        The carriages start at the minimum distance at which the driver lets them approach each
+        other with the speed [m/s]. The carriages brake with a deceleration [m/s²] after the lag of
+        the drives and the spread of their inputs [s].
         """
         delay = self.controller.drive_lag + spread
         travelled = speed * (2.0 * delay + speed / deceleration)
