@@ -422,8 +422,8 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         """
         Return the values of the next message on driver/status.
 
-        A message from before the last transition may arrive after its response. It is skipped if
-        it contradicts the label of the lifecycle state.
+        A message from before the last transition may arrive after its response. Such a message is
+        skipped if it contradicts the label of the lifecycle state.
         """
         begin = time.monotonic()
         reports = self._received[topics.DRIVER_STATUS]

@@ -37,8 +37,8 @@ class LateralRegulator:
     """
     Integral controller of the lateral offset, without wind-up.
 
-    It corrects errors that the prediction cannot contain: slip of the head, drift of the
-    estimator.
+    The controller corrects errors that the prediction cannot contain: slip of the head, drift of
+    the estimator.
 
     References
     ----------

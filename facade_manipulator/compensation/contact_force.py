@@ -216,7 +216,7 @@ class NormalForce:
     """
     Force control along the wall's normal: law, tracker, and a shift that absorbs fades.
 
-    `Pressing` decides the offset of the law in each cycle and calls `move` with it.
+    `Pressing` decides the offset of the law in each cycle and calls `move` with this offset.
     """
 
     RISE_TIME = 1.5  # s, minimum, in which a force on the brush rises by the excess of its limit

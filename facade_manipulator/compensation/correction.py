@@ -90,10 +90,10 @@ class Remainder:
         (W²)' = −√2 r² f² + (2 − 2√2 r − 2 r²) f f' + (√2 − 4 r) f'².
 
     This form is negative definite where 4√2 r² (4 r − √2) > (2 − 2√2 r − 2 r²)². Division by 4 r²
-    and s = r + 1/r make it 2√2 s − 4 > s² − 4, that is s < 2√2. It holds for all r, and W² is a
-    common Lyapunov function, if H/L < (1 + √2)² = 3 + 2√2. For H = 2 L, W decays at least by the
-    rate √2/4. As u adds at most |u| to the derivative of W, W remains within 2√2 max |u|. With
-    |f| ≤ √2 W the sum is within 4 (2 P + 2 H V + L H A).
+    and s = r + 1/r make it 2√2 s − 4 > s² − 4, that is s < 2√2. The condition holds for all r, and
+    W² is a common Lyapunov function, if H/L < (1 + √2)² = 3 + 2√2. For H = 2 L, W decays at least
+    by the rate √2/4. As u adds at most |u| to the derivative of W, W remains within 2√2 max |u|.
+    With |f| ≤ √2 W the sum is within 4 (2 P + 2 H V + L H A).
 
     Parameters
     ----------

@@ -199,8 +199,8 @@ def soft_clamp(value: float, low: float, high: float, knee: float) -> float:
     """
     Clamp a value to an interval; a parabola replaces each corner.
 
-    Within `knee` of an end the output is bent progressively. It reaches the end for a value one
-    knee beyond the end. An empty interval returns its middle.
+    Within `knee` of an end the output is bent progressively. The output reaches the end for a
+    value one knee beyond the end. An empty interval returns its middle.
     """
     middle = 0.5 * (low + high)
     half = max(high - middle, 0.0)

@@ -2,8 +2,8 @@
 Description of the mechanism for other programs: joint points, joint tree and URDF.
 
 A URDF has no closed loops, so the tree is cut where the two links meet the platform. `positions`
-closes the loops there with the kinematics of the calibrated machine. The URDF is for display: it
-has no masses, and no limits of speed and effort, which are parameters of the driver.
+closes the loops there with the kinematics of the calibrated machine. The URDF is for display. It
+contains no masses, and no limits of speed and effort, which are parameters of the driver.
 """
 
 from __future__ import annotations

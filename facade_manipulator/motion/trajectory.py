@@ -80,8 +80,8 @@ def _without_rounding(value: float, limit: float) -> float:
     """
     Return the limit if rounding errors have moved an acceleration beyond it.
 
-    Ruckig rejects such an acceleration. It accepts one far beyond, because the limit has been
-    lowered.
+    Ruckig rejects such an acceleration. Ruckig accepts an acceleration far beyond the limit, which
+    occurs after the limit was lowered.
     """
     if limit < abs(value) < limit * (1.0 + ACCELERATION_ROUNDING):
         return math.copysign(limit, value)

@@ -25,9 +25,9 @@ class ManagedNode(BaseNode, LifecycleNode):
     """
     Lifecycle node that executes transitions as requests to another process.
 
-    The node must receive the operator's stop while the drives boot. It is in the transition state
-    of the standard, such as *configuring*, until the other process has replied. An error leads
-    back to the previous state.
+    The node must receive the operator's stop while the drives boot. The node is in the transition
+    state of the standard, such as *configuring*, until the other process has replied. An error
+    leads back to the previous state.
 
     Attributes
     ----------

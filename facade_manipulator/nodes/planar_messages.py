@@ -115,7 +115,7 @@ POSE_NUMBERS = (
 
 def projected(message: Any, name: str) -> tuple[Pose, OutOfPlane]:
     """
-    Return the planar pose nearest to a geometry_msgs/Pose [m, m, rad], and the deviation from it.
+    Return the planar pose nearest to a geometry_msgs/Pose [m, m, rad], and the deviation.
 
     The yaw is the turn about z after which only a tilt about an axis in the plane remains. `name`
     is the name of the pose in a rejection, such as ``'goal'``. Raises an InputError with reason

@@ -90,7 +90,7 @@ class Estimate(NamedTuple):
 
 
 class EstimateGate:
-    """Gate that rejects impossible estimates, and converts the others to poses of the rail."""
+    """Gate that rejects impossible estimates, and converts all others to poses of the rail."""
 
     OLDEST_ESTIMATE = 0.3  # s; an older estimate is stale
     # s, lead of the estimator's clock; synchronised clocks differ by less

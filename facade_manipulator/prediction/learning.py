@@ -1,10 +1,10 @@
 """
 Schedule of learning: all axes of a group of horizons, then the tones of one axis.
 
-Because of these turns, no estimate takes much longer to learn from than the others. The near
-horizons are learnt three times as often as the far horizons. The prior of the continuation needs
-the strength of the motion: the largest squared acceleration that the level filter has shown, with
-slow forgetting.
+Because of these turns, no estimate takes much longer to learn from than any other estimate. The
+near horizons are learnt three times as often as the far horizons. The prior of the continuation
+needs the strength of the motion: the largest squared acceleration that the level filter has shown,
+with slow forgetting.
 """
 
 from __future__ import annotations

@@ -131,8 +131,8 @@ def extremes(geometry: Geometry) -> tuple[Pose, Pose, Pose]:
     """
     Return three extreme head poses [m, m, rad], inside the workspace by `INSIDE`.
 
-    They have the maximum θ, the maximum y at θ = 0, and the maximum x at θ = 0, which is at the
-    minimum y. The first two have the x that is the nearest to 0.
+    These poses have the maximum θ, the maximum y at θ = 0, and the maximum x at θ = 0, which is at
+    the minimum y. The first two have the x that is the nearest to 0.
     """
     y_turned, theta_max = theta_peak(geometry)
     lower, upper = section_bounds(geometry)

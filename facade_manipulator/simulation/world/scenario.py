@@ -114,7 +114,7 @@ class Estimator:
 class Wall:
     """Wall, and brush between head and wall; config/gondola.xml contains all other values."""
 
-    #: whether the mission presses on it and has a force sensor
+    #: whether the mission presses on the wall and has a force sensor
     is_touched: bool = False
     distance: float = 0.45  #: of the wall from the rail in still air [m]
     brush_stiffness: float = 600.0  #: [N/m]
