@@ -31,7 +31,7 @@ the answers of all drives.
 
 The kernel sends SYNC if the bus offers its broadcast manager. The period of this SYNC does not
 depend on the loop. SYNCs of another master in between are found by counting. An interface does not
-return frames to their sender. While the loop sends SYNC, each received SYNC is therefore that of
+return frames to their sender. While the loop sends SYNC, each received SYNC therefore comes from
 another master.
 
 Times on the monotonic clock [s] are arguments. The code follows the order of the cycle: the two
@@ -68,7 +68,7 @@ LATE_WINDOW = 500  # cycles over which the share of late cycles is counted
 
 
 class KernelSync:
-    """SYNC sent by the kernel's broadcast manager; the loop sends SYNC only if it is overdue."""
+    """SYNC sent by the kernel's broadcast manager; the loop sends only an overdue SYNC."""
 
     SURPLUS_WINDOW = 1.0  # s, in which surplus SYNCs are counted
 
@@ -366,9 +366,9 @@ class CycleClock:
         """
         Return whether a SYNC received at a time [s] begins a cycle; then call `receive`.
 
-        A SYNC that is too early begins no cycle. It is the kernel's SYNC after an overdue SYNC, or
-        that of another master. Early SYNCs are counted, and too many of them are a cause of a
-        stop.
+        A SYNC that is too early begins no cycle. Such a SYNC comes from the kernel after an
+        overdue SYNC, or from another master. Early SYNCs are counted, and too many of them are a
+        cause of a stop.
         """
         return self.sender.accept_sync(time)
 

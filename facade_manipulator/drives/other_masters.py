@@ -18,7 +18,7 @@ Receiver = Callable[[Frame], Cause | None]
 
 class OtherMasters:
     """
-    Detector of other masters, which receives their frames from the exchange.
+    Detector of other masters; the exchange passes frames of a master to the detector.
 
     This master does not receive its own frames, except the SYNC of its kernel. Until the cycle
     starts, a frame of a master raises a BusError. Afterwards a frame that commands drives is the

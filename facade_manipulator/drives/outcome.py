@@ -29,7 +29,7 @@ class NodeProblems(NamedTuple):
 
 
 class DriverOutcome(NamedTuple):
-    """State of the driver for the operator, which is published when it changes."""
+    """State of the driver for the operator, published at each change."""
 
     state: str
     activity: str  #: of the carriages while the state is active, such as ``'holding'``
@@ -60,7 +60,7 @@ def outcome_of(
     Return the driver's outcome for a snapshot.
 
     The problem in the message is the cause of a stop, a fault of the graph, the reason that
-    forbids power, or the last failed request and an overload. The next step is that of the state.
+    forbids power, or the last failed request and an overload. The state determines the next step.
     The remedy of a fault stands before the next step, because the fault blocks this step. The
     remedy of an overload stands after the next step.
     """

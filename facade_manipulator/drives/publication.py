@@ -1,7 +1,7 @@
 """
 Snapshots of a controller: their contents, and when they are due.
 
-The state shown is that of the group, of the running request, or of the bus.
+The shown state is the state of the group, of the running request, or of the bus.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ class ControllerState(Enum):
     """
     State shown to the operator: of the group, of a request or of the bus.
 
-    The controller holds these three separately, and publishes one of them (`publication`).
+    The controller holds these three states separately, and publishes one of them (`publication`).
     """
 
     # of the group: the values of `GroupState`
