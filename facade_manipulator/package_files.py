@@ -2,7 +2,8 @@
 Files: package data, user files, and directories of imported modules.
 
 Code and data of one version belong together. A checkout therefore uses its own files; an installed
-package uses the share directory of its ament prefix, or that of pip below ``sys.prefix``.
+package uses the share directory of its ament prefix, or the share directory of pip below
+``sys.prefix``.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def machine_files(given: Sequence[Path] = ()) -> list[Path]:
     """
     Return the machine's parameter files; later files override earlier files.
 
-    Without given files, the first is `MACHINE_FILE` of the working directory, or that of the
+    Without given files, the first is `MACHINE_FILE` of the working directory, or the file of the
     package if this file does not exist. An `OVERLAY` in the folder of the first given file, or
     else in the working directory, follows the first file unless it is given.
     """

@@ -210,9 +210,9 @@ def from_mapping(
     """
     Create a frozen dataclass from values by field name.
 
-    Missing fields keep their defaults; `defaults` override those of the class. A list becomes a
-    tuple. A field that is a dataclass is made from an inner mapping. `prefix` is the group of the
-    names in messages, such as ``'geometry'``.
+    Missing fields keep their defaults; `defaults` override the defaults of the class. A list
+    becomes a tuple. A field that is a dataclass is made from an inner mapping. `prefix` is the
+    group of the names in messages, such as ``'geometry'``.
 
     Raises a ParameterError for an unknown name, and for a value of a wrong type or out of range.
     """

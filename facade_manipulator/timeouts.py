@@ -9,7 +9,7 @@ value is computed from the value that it must exceed, from the inside to the out
     < end as seen by the driver node < end as seen by launch, systemd and demo
 
 Times are in seconds and apply to brakes that stop at once. Up to the driver node, `braking_time`
-is added to them.
+is added to these times.
 """
 
 # --- a drive

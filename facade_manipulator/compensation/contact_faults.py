@@ -95,9 +95,10 @@ class ForceMonitor:
         """
         Record a force [N] measured at a stamp [s].
 
-        The demanded force [N] is that of the offset on a wall at the goal; only its changes count.
-        A force far below the present desired force [N] is not chatter but a contact that returns.
-        A first touch, and a slow rise to the final desired force [N], are not an oscillation.
+        The demanded force [N] is the force of the offset on a wall at the goal; only changes of
+        this force count. A force far below the present desired force [N] is not chatter but a
+        contact that returns. A first touch, and a slow rise to the final desired force [N], are
+        not an oscillation.
         """
         interval = min(max(stamp - self.stamp, 0.0), OLDEST_WRENCH)
         self.stamp = stamp

@@ -117,8 +117,9 @@ class WallTracker:
 
     The tracker is a steady-state Kalman-Bucy filter for a distance whose jerk is white noise. Its
     bandwidth ω grows with the third root of the stiffness k̂ of the brush, because the noise of
-    the distance is that of F/k̂. The gains of the filter for distance, velocity and acceleration
-    are 2 ω, 2 ω² and ω³. An interval T between measurements multiplies them by T.
+    the distance is the noise of F/k̂. The gains of the filter for distance, velocity and
+    acceleration are 2 ω, 2 ω² and ω³. An interval T between measurements multiplies these gains by
+    T.
     """
 
     TRACKING_BANDWIDTH = 8.0  # rad/s, of the wall's distance at 5 N/mm; noise is F/k̂
@@ -139,8 +140,8 @@ class WallTracker:
         """
         Update distance, velocity and acceleration of the wall from a force [N] at a stamp [s].
 
-        The stiffness k̂ is that of the brush [N/m]. The first measurement, and one after a gap of
-        `OLDEST_WRENCH`, only sets the distance.
+        `stiffness` is the stiffness k̂ of the brush [N/m]. The first measurement, and one after a
+        gap of `OLDEST_WRENCH`, only sets the distance.
         """
         measured = nearest_value(self._places, stamp, 0.0) - force / stiffness
         interval = stamp - self._stamp

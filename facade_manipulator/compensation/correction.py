@@ -298,8 +298,8 @@ class Correction:
         """
         Return the disturbance to correct when the head reaches its pose, at a time [s].
 
-        The present time `now` [s] decides whether the estimator is silent. A time before that of
-        the last call, or more than `LONGEST_PAUSE` after it, continues from the last correction.
+        The present time `now` [s] decides whether the estimator is silent. A time before the last
+        call, or more than `LONGEST_PAUSE` after the last call, continues from the last correction.
         """
         mode = self._present_mode(now)
         if self._time is not None and not 0.0 <= time - self._time <= LONGEST_PAUSE:
@@ -336,7 +336,7 @@ class Correction:
         Return the time constant [s] with which a change due to a new estimate is smoothed.
 
         The changes due to the noise of the estimates determine the jerk of the carriages, so that
-        less noise needs less smoothing. The noise is that of the worst axis.
+        less noise needs less smoothing. The axis with the most noise determines the result.
         """
         noise = 0.0
         for variance, usual in zip(

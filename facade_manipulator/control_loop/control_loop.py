@@ -86,8 +86,8 @@ class ControlLoop:
     Owner of the drive controller, which exchanges messages with the node.
 
     A test may pass its own clock and its own machine, that is, follower and controller on a bus of
-    the test. The alarm is that of a process for itself. Raises the ParameterErrors of
-    `DriveController`.
+    the test. `alarm` ends the process of the loop if the process hangs. Raises the ParameterErrors
+    of `DriveController`.
     """
 
     IDLE_WAIT = 0.05  # s without a bus; maximum delay of a signal

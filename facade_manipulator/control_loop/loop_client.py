@@ -2,9 +2,9 @@
 Client of the control loop in the node: starts its process, sends requests, receives states.
 
 Only the first start and `close` wait. The node reads the messages of the loop when it feeds the
-loop or takes states. A thread that waited for them would take the interpreter from the executor in
-each cycle. The node restarts a process that has ended only for the next `configure`, because the
-drives have stopped and the operator must configure them again.
+loop or takes states. A thread that waited for these messages would take the interpreter from the
+executor in each cycle. The node restarts a process that has ended only for the next `configure`,
+because the drives have stopped and the operator must configure them again.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 Filter steps of the last 0.4 s, with which a late measurement is applied at its stamp.
 
 A measurement belongs to the first step that is not earlier. Inputs and measurements after this
-measurement are applied again, with the same levels of the wall. The result equals that of
+measurement are applied again, with the same levels of the wall. The result equals the result of
 measurements without latency.
 """
 

@@ -1,7 +1,7 @@
 """
 Model of the filter: state vector, motion between IMU inputs, and measurements.
 
-The state is that of the IMU: position and velocity along the axes of `facade`, yaw ψ, acceleration
+The state describes the IMU: position and velocity along the axes of `facade`, yaw ψ, acceleration
 a along the axes of the rail, yaw rate, tilts θ about the rail's x and y, biases of gyroscopes and
 accelerometers. The attitude is the turn ψ about z, then the turn (θ_x, θ_y, 0) about an axis in
 the plane of the rail. Each sensor of the wall adds its own states: the error of the place that it
@@ -277,7 +277,7 @@ class WallSensor(ABC):
     """
     Sensor that measures one scalar, which depends on the sensor's pose relative to the wall.
 
-    A sensor may add states: the error of the measured place, then that of its delay.
+    A sensor may add states: the error of the measured place, then the error of the delay.
     """
 
     name: str

@@ -1,7 +1,7 @@
 """
 Assignment of each measurement of a wall sensor to a level of the wall, or its rejection.
 
-Beyond an edge, such as that of a mullion, all measurements of a sensor have the same offset.
+Beyond an edge, such as the edge of a mullion, all measurements of a sensor have the same offset.
 An outlier gate without levels would either follow the offset or reject the sensor.
 """
 

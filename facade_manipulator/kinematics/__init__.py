@@ -5,7 +5,7 @@ SI units and radians. Frame `rail`: x along the rail, y out towards the façade,
 carriages A1, A3, A2 are on y = 0 in that order; q3 = x. Functions of a `Geometry` describe the
 drawing. `Mechanism` includes the errors of the machine as built. Arrays of poses are in
 `facade_manipulator.kinematics.maps`. No name here imports numpy before its first use: the control
-loop runs without numpy, which saves it 8 MiB.
+loop runs without numpy, which saves 8 MiB of memory.
 """
 
 from .description import joints as joints

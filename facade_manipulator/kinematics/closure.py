@@ -278,7 +278,7 @@ def _working_mode_error(projection1: float, projection2: float) -> UnreachableEr
     """
     Return the error for links whose projections [m] are not both positive.
 
-    The error names the lesser projection, which is that of the carriage farther beyond its joint
+    The error names the lesser projection, which belongs to the carriage farther beyond its joint
     B.
     """
     name = 'q1 - q3'

@@ -72,7 +72,7 @@ def links(
         Those of numpy for arrays.
     root : callable
         Square root of s1² and s2², which are negative out of reach. Out of reach, the default
-        raises a ValueError, that of numpy returns NaN, and another function may return 0.
+        raises a ValueError, the root of numpy returns NaN, and another root may return 0.
 
     """
     link1, link2, half1, half2 = sides

@@ -1,7 +1,7 @@
 """
 Kinematics of the mechanism with calibration errors, which are zero by default.
 
-Poses are those of the head in frame `rail`; carriages are positions of the drives. The real rail
+Poses are poses of the head in frame `rail`. Carriages are positions of the drives. The real rail
 may be rotated in frame `rail`, and each carriage may have an offset to its drive. Both links and
 both halves of the platform may differ, and the head has a pose on the platform. With the angle α
 of the rail, the pose T of the head on the platform and the offsets o::
@@ -336,9 +336,9 @@ class Mechanism:
         """
         Require the stroke, the order A1, A3, A2, and the gap between neighbours (eq. 18).
 
-        The stroke is that of the drives, the gap that on the real rail [m]. Checking the stroke of
-        A1 and A2 is sufficient, because A3 is between them. Raises a StrokeLimitError or a
-        CarriageGapError.
+        The stroke limits the drives, the gap the carriages on the real rail [m]. Checking the
+        stroke of A1 and A2 is sufficient, because A3 is between them. Raises a StrokeLimitError or
+        a CarriageGapError.
         """
         minimum, maximum = self.geometry.stroke
         q1, q2, q3 = carriages

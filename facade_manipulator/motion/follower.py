@@ -5,7 +5,7 @@ Each setpoint states the instant at which the carriages should reach it. Between
 carriages follow a cubic curve. Shortly beyond the newest setpoint they keep its velocity, unless
 the stream has only one setpoint. Afterwards they brake and hold, so that a silent stream moves no
 carriage. Senders give the mean velocity since the previous setpoint. When the next setpoint
-arrives, the velocity becomes that of the parabola through all three.
+arrives, the velocity becomes the velocity of the parabola through all three setpoints.
 """
 
 from __future__ import annotations

@@ -90,7 +90,7 @@ class ReferencePath:
         """
         Restart the path from a motion, and plan it to a goal.
 
-        The time is that of the motion [s]. The path ends at rest, and θ turns by at most half a
+        `time` is the time of the motion [s]. The path ends at rest, and θ turns by at most half a
         turn.
 
         Raises a ManipulatorError if there is no such path.

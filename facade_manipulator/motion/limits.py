@@ -236,8 +236,8 @@ class PathLimiter:
         Return the states on the path from a motion to rest, one per period.
 
         All axes come to rest together if ruckig finds such a path. A state is a tuple of position,
-        velocity and acceleration; `advance` converts it to a motion, which most callers do not
-        need.
+        velocity and acceleration; `advance` converts a state to a motion, but most callers need no
+        motion.
 
         Raises a ManipulatorError if no path was found.
         """

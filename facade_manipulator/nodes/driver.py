@@ -142,7 +142,7 @@ class DriverNode(ManagedNode):
             self._publish_outcome()
 
     def handle_exception(self, error: Exception) -> None:
-        """Stop the drives after an exception in a callback of this node, a programming error."""
+        """Stop the drives after an exception, a programming error, in a callback of this node."""
         self._loop.stop(f'a callback of the driver raised {error!r}')
 
     def next_step(self) -> str:

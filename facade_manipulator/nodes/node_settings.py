@@ -1,8 +1,8 @@
 """
 Settings of each node, without ROS, so that tools read the same groups of parameters.
 
-Each set-up class has one method `read`. A node reads the parameters that ROS gives it, a tool
-those of a parameter file.
+Each set-up class has one method `read`. A node reads the parameters that it receives from ROS. A
+tool reads the parameters in a parameter file.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 
 @settings
 class DriverSettings:
-    """Settings of the driver node, except those of the controller."""
+    """Settings of the driver node, except the settings of the controller."""
 
     simulate_drives: bool = parameter(
         'Whether the driver starts simulated drives on a virtual bus', default=False

@@ -8,9 +8,9 @@ Model: for each horizon τ the move m = d(t + τ) − level(t) [m or rad] is W�
 
 where G = ∫ φ φᵀ dt and M = ∫ φ mᵀ dt are sums over the past motion with exponential forgetting.
 The other terms are a prior instead of a ridge. The prior has the weight of λ seconds of sway with
-an RMS acceleration a [m/s²], and of noise with a density r [m² s]. `prior` computes its moments. λ
-is `PRIOR_WEIGHT` divided by the learnt time: after 2 s, data and prior have the same weight. For a
-given λ, W is the posterior mean of a Bayesian regression with that prior.
+an RMS acceleration a [m/s²], and of noise with a density r [m² s]. `prior` computes the moments of
+the prior. λ is `PRIOR_WEIGHT` divided by the learnt time: after 2 s, data and prior have the same
+weight. For a given λ, W is the posterior mean of a Bayesian regression with that prior.
 
 W predicts gusts. A fit of sines to the last minute predicts tones better (`tones`). The forecast
 is therefore the continuation plus a share of the step to the tones. The share is the trust, by
@@ -135,7 +135,8 @@ class Continuation:
         """
         Learn from the samples whose longest horizon has passed.
 
-        Add them to G and M, with positions interpolated at t + τ, and score their forecasts.
+        The method adds these samples to G and M, with positions interpolated at t + τ, and scores
+        their forecasts.
 
         Parameters
         ----------

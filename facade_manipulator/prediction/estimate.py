@@ -2,7 +2,7 @@
 Gate of the estimates: rejects impossible estimates, converts all others to rail poses.
 
 An estimator at m on the rail measures its yaw and its displacement along its own axes, which are
-turned from those of `facade` by an angle α. With the pose d of the rail, the displacement is
+turned from the axes of `facade` by an angle α. With the pose d of the rail, the displacement is
 R(−α) (d.xy + R(d.theta) m − m). The yaw is d.theta plus the yaw of the mounting.
 """
 

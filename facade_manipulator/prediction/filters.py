@@ -2,8 +2,8 @@
 Fixed linear filters that compute the present motion at four bandwidths.
 
 Each filter is the steady-state Kalman-Bucy filter for a position whose jerk is white noise. For
-any noise its poles are those of a Butterworth filter of third order, −ω and ω exp(±2πi/3). Its
-estimates of position, velocity and acceleration, with the Laplace variable s in units of the
+any noise, its poles are the poles of a Butterworth filter of third order, −ω and ω exp(±2πi/3).
+Its estimates of position, velocity and acceleration, with the Laplace variable s in units of the
 bandwidth ω [rad/s], are
 
     p = (2 s² + 2 s + 1) y / D,  v/ω = (2 s² + s) y / D,  a/ω² = s² y / D,
@@ -84,7 +84,7 @@ class FilterBank:
     """
     Filters of several axes, which are initially at rest at 0.
 
-    The predictor updates them with each estimate, and ends doubts about the estimates.
+    The predictor updates the filters with each estimate, and ends doubts about the estimates.
 
     Parameters
     ----------

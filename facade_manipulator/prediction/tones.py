@@ -5,8 +5,8 @@ Model: y(t) = c + Σ Re A exp(iω t) [m or rad] for times t [s] before now, for 
 Gauss-Newton steps improve the last fit: least squares for c, A and changes of ω, then for c and A.
 A tone is added at the peak of the residual's periodogram if the peak exceeds the noise of the
 estimates. A tone is removed if its peak is below the noise, or if its frequency is too close to
-that of a stronger tone. By the Cramér-Rao bound the error of K tones at the end of T seconds is
-about σ sqrt(5 K Δt/T), with noise σ and interval Δt of the estimates.
+the frequency of a stronger tone. By the Cramér-Rao bound the error of K tones at the end of T
+seconds is about σ sqrt(5 K Δt/T), with noise σ and interval Δt of the estimates.
 
 References
 ----------

@@ -46,8 +46,8 @@ class Run:
     """
     Samples of a run from its first reference pose on, interpolated between messages.
 
-    The tables are those of head, rail, reference, and wrench of the wall on the head. The three
-    paths on the wall [m, m, rad] are: a head at rest on the rail at its reference, the head with
+    The tables contain head, rail, reference, and wrench of the wall on the head. The three paths
+    on the wall [m, m, rad] are: a head at rest on the rail at its reference, the head with
     compensation, and the reference. Raises a ManipulatorError if the run is too short.
     """
 
