@@ -64,7 +64,7 @@ class DisturbanceEstimator:
 
     def __init__(self, setup: EstimatorSetup) -> None:
         self._gate = ImuGate(setup.imu)
-        # each level once, the wall itself first; the distance sensors share them
+        # each level once, the wall itself first; the distance sensors share the levels
         self._wall_offsets = list(dict.fromkeys((0.0, *setup.wall.levels)))
         levels: list[Level] = []
         if setup.wall.distance:
