@@ -10,7 +10,6 @@ from facade_manipulator.kinematics import (
     CONDITIONING_RATIO,
     Geometry,
     Mechanism,
-    MIN_CONDITIONING,
     Pose,
     subtract,
     ZERO_POSE,
@@ -45,8 +44,6 @@ class WorkspaceLimit:
         Of the machine.
     min_conditioning : float
         Minimum conditioning index of a pose, as of `Mechanism.certify`.
-    margin : float
-        Distance kept from reach, stroke and carriage gap [m].
 
     Raises
     ------
@@ -63,13 +60,7 @@ class WorkspaceLimit:
     SEARCHED_PLACES = 201  # number of y in the search for the interval at θ = 0
     HALVINGS = 24  # of the interval in the search for a yaw; the last is below 1e-7 rad
 
-    def __init__(
-        self,
-        geometry: Geometry,
-        min_conditioning: float = MIN_CONDITIONING,
-        margin: float = WORKSPACE_MARGIN,
-    ) -> None:
-        self._margin = margin
+    def __init__(self, geometry: Geometry, min_conditioning: float) -> None:
         self._min_conditioning = min_conditioning
         self._half = geometry.platform_half_length
         self._mechanism = Mechanism(geometry)
@@ -77,17 +68,17 @@ class WorkspaceLimit:
         length = self._half / CONDITIONING_RATIO  # m, characteristic length
         self._ratios = half1 / length, half2 / length
         errors = 3.0 * _greatest(geometry.link_errors, geometry.platform_errors)
-        self._reach = geometry.link_length - margin - errors
-        self._gap = geometry.carriage_gap + margin + errors
+        self._reach = geometry.link_length - self.WORKSPACE_MARGIN - errors
+        self._gap = geometry.carriage_gap + self.WORKSPACE_MARGIN + errors
         least, greatest = geometry.stroke
-        margin += _greatest(geometry.carriage_offsets)
+        margin = self.WORKSPACE_MARGIN + _greatest(geometry.carriage_offsets)
         self._stroke = least + margin, greatest - margin
         self._order = (
             self._half - self._gap
         ) ** 2 - geometry.link_length**2  # (b − gap)² − l²
         self._span_y = self._y_interval()
 
-    def saturate(self, pose: Pose, slope: float = 0.0) -> Saturated:
+    def saturate(self, pose: Pose, slope: float) -> Saturated:
         """
         Return the pose inside the workspace that replaces a desired pose.
 
@@ -131,7 +122,7 @@ class WorkspaceLimit:
 
         Carriage gap and reach define its ends; conditioning or stroke may end it earlier.
         """
-        nearest = max(math.sqrt(max(-self._order, 0.0)), self._margin)
+        nearest = max(math.sqrt(max(-self._order, 0.0)), self.WORKSPACE_MARGIN)
         step = (self._reach - nearest) / (self.SEARCHED_PLACES - 1)
         places = [nearest + number * step for number in range(self.SEARCHED_PLACES - 1)]
         places.append(self._reach)
