@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from facade_manipulator.compensation.contact import Contact, LateralSettings
 from facade_manipulator.compensation.contact_phases import ContactSettings, Surroundings
@@ -139,18 +139,13 @@ class Compensator:
         self.newest: CorrectedPose | None = None  #: None while no goal is followed
         self.held_back = HeldBack()  #: limits that hold axes of the head back
 
-    def change(self, part: str, settings: Any) -> None:
-        """
-        Change the live parameters of a component, without a jump of the pose.
+    def change_contact(self, settings: ContactSettings) -> None:
+        """Change the live parameters of the contact, without a jump of the pose."""
+        self.contact.pressing.settings = settings
 
-        Raises a ValueError for a part other than ``'contact'`` and ``'lateral'``.
-        """
-        if part == 'contact':
-            self.contact.pressing.settings = settings
-        elif part == 'lateral':
-            self.contact.lateral = settings
-        else:
-            raise ValueError(f'{part} has no live parameters')
+    def change_lateral(self, settings: LateralSettings) -> None:
+        """Change the live parameters of the lateral offset, without a jump of the pose."""
+        self.contact.lateral = settings
 
     def set_goal(self, goal: Pose) -> None:
         """

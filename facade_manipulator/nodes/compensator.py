@@ -72,8 +72,10 @@ class CompensatorNode(BaseNode):
         super().__init__('compensator', **kwargs)
         setup = CompensatorSetup.read(NodeParameters(self))
         self._compensator = Compensator(setup.geometry, setup.parts)
-        for part, cls in (('contact', ContactSettings), ('lateral', LateralSettings)):
-            accept_changes(self, cls, part, partial(self._compensator.change, part))
+        change_contact = self._compensator.change_contact
+        accept_changes(self, ContactSettings, 'contact', change_contact)
+        change_lateral = self._compensator.change_lateral
+        accept_changes(self, LateralSettings, 'lateral', change_lateral)
         # of the newest estimate
         self._out_of_plane = planar_messages.OutOfPlane(0.0, 0.0)
 
