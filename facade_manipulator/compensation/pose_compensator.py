@@ -117,11 +117,8 @@ class Compensator:
     """Compensator: computes corrected poses from goals, estimates and contact measurements."""
 
     LONGEST_INTERVAL = 0.1  # s, a longer pause counts as this interval
-    DEFAULTS = CompensatorSettings()
 
-    def __init__(
-        self, geometry: Geometry, settings: CompensatorSettings = DEFAULTS
-    ) -> None:
+    def __init__(self, geometry: Geometry, settings: CompensatorSettings) -> None:
         self._mechanism = Mechanism(geometry)
         self.settings = settings.compensation
         #: present correction and its mode

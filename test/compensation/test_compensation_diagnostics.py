@@ -17,7 +17,11 @@ from facade_manipulator.compensation.contact_phases import (
 )
 from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.compensation.goal import uncorrected_reason
-from facade_manipulator.compensation.pose_compensator import Compensator, CorrectedPose
+from facade_manipulator.compensation.pose_compensator import (
+    Compensator,
+    CompensatorSettings,
+    CorrectedPose,
+)
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose, ZERO_POSE
 
@@ -28,7 +32,7 @@ WORDS = 'x +1.0 mm, y -20.0 mm, theta +3.00 deg'
 
 @pytest.fixture
 def compensator():
-    return Compensator(Geometry())
+    return Compensator(Geometry(), CompensatorSettings())
 
 
 @pytest.mark.parametrize(

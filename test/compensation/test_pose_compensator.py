@@ -15,6 +15,7 @@ from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.compensation.pose_compensator import (
     CompensationSettings,
     Compensator,
+    CompensatorSettings,
 )
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import (
@@ -93,8 +94,9 @@ def test_axis_is_held_at_its_workspace_limit_and_returns():
 
 
 def test_every_part_with_a_live_parameter_can_change():
-    compensator = Compensator(Geometry())
-    for part, settings_of_part in Compensator.DEFAULTS._asdict().items():
+    defaults = CompensatorSettings()
+    compensator = Compensator(Geometry(), defaults)
+    for part, settings_of_part in defaults._asdict().items():
         if any(info.live for info in parameter_fields(type(settings_of_part)).values()):
             getattr(compensator, f'change_{part}')(settings_of_part)
 
