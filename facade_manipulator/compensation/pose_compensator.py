@@ -242,25 +242,26 @@ class Compensator:
             self.newest = None  # the clock was set: begin again
         reach_time = time + self.following.lag
         disturbance = self.correction.at(now, reach_time).position
-        if self.goal is None:
+        goal = self.goal
+        if goal is None:
             return None
 
         if self._is_goal_new:
             self._is_goal_new = False
-            self._begin_goal(reach_time, self.goal)
+            self._begin_goal(reach_time, goal)
         is_off_path = self.following.is_off_path(now)
         if is_off_path:
             self.held_back.note_off_path(now)
         if self.newest is None or is_off_path:
-            self._initialise(now, reach_time, disturbance, self.goal)
-        elif self.goal != self._reference.goal:
-            self._reference.retarget(reach_time, self.goal)
+            self._initialise(now, reach_time, disturbance, goal)
+        elif goal != self._reference.goal:
+            self._reference.retarget(reach_time, goal)
         reference = self._reference.at(reach_time).position
 
         interval = 0.0
         if self.newest is not None:
             interval = min(max(time - self.newest.time, 0.0), self.LONGEST_INTERVAL)
-        shifted = self._shift(now, reach_time, interval, reference, disturbance)
+        shifted = self._shift(now, reach_time, interval, reference, disturbance, goal)
         pose, error = self._workspace.saturate(
             relative(disturbance, shifted), math.tan(disturbance.theta)
         )
@@ -280,14 +281,12 @@ class Compensator:
         interval: float,
         reference: Pose,
         disturbance: Pose,
+        goal: Pose,
     ) -> Pose:
         """Return the reference pose [m, m, rad] shifted by the contact."""
         saturation_error = ZERO_POSE
         if self.newest is not None:
             saturation_error = self.newest.saturation_error
-        beyond = 0.0
-        if self.goal is not None:
-            beyond = reference.y - self.goal.y
 
         silence = ''
         if self.correction.is_silent(now):
@@ -304,7 +303,7 @@ class Compensator:
             saturation_error,
             disturbance.y,
             silence,
-            beyond,
+            reference.y - goal.y,
             self.correction.fading.y,
         )
         return self.contact.shift(now, reach_time, interval, reference, surroundings)
