@@ -66,7 +66,6 @@ class ForceMonitor:
     def __init__(self) -> None:
         self.stamp = -math.inf  #: of the last measurement [s]
         self.force = 0.0  #: last force on the wall [N]
-        self.moment = 0.0  #: last moment on the wall [N m], from the same wrench
         self._chatter = ForceRises(self.CHATTER_TIME, self.CHATTER_MEMORY)
         self._oscillation = ForceRises(self.OSCILLATION_TIME, self.OSCILLATION_TIME)
         self._demanded = 0.0

@@ -215,6 +215,7 @@ class Pressing:
         self.ramp = ForceRamp()
         self.monitor = ForceMonitor()
         self.sensor_zero = SensorZero()
+        self.moment = 0.0  #: last measured moment on the wall [N m]
         #: reason of the present wait off the wall; empty without a wait
         self.reason = ''
         #: reason of the last retreat; empty before the first
@@ -234,11 +235,6 @@ class Pressing:
     def desired(self) -> float:
         """Return the current desired force [N]; 0 without contact."""
         return self.ramp.desired
-
-    @property
-    def moment(self) -> float:
-        """Return the last measured moment on the wall [N m]."""
-        return self.monitor.moment
 
     @property
     def zero(self) -> float:
@@ -289,7 +285,7 @@ class Pressing:
         self.normal.add_measurement(stamp, force, self.settings.stiffness)
         self.theta.add_measurement(stamp, moment)
         demanded = self.settings.stiffness * self.normal.law.measured_offset
-        self.monitor.moment = moment
+        self.moment = moment
         self.monitor.add(
             stamp, force, demanded, self.desired, self.settings.force, is_repeated
         )

@@ -124,7 +124,7 @@ def test_contact_values_have_the_unit_of_their_key(compensator):
     contact = compensator.contact
     pressing = contact.pressing
     pressing.monitor.force = 12.0
-    pressing.monitor.moment = 0.3
+    pressing.moment = 0.3
     pressing.ramp.desired = 15.0
     pressing.sensor_zero.force = -0.5
     contact.regulator.shift = 0.001
