@@ -112,7 +112,6 @@ class InputError(ManipulatorError):
         'jump': 'check the estimator',
         'malformed': 'correct the sender',
         'names': 'correct the sender',
-        'no_position': 'activate',
         'not_finite': 'correct the sender',
         'not_measured': 'check the sensor',
         'out_of_order': 'let one sender publish in the order of its stamps',

@@ -248,7 +248,7 @@ class SetpointFollower:
         """
         if self.motion is None:
             raise InputError(
-                'no_position', 'no carriage position is known; next: call reset'
+                'inactive', 'no carriage position is known; next: call reset'
             )
 
         self._sampled = reach_time
