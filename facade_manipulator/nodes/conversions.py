@@ -129,8 +129,12 @@ class FacadeTransform:
         return bool(self._publisher and self._publisher.get_subscription_count())
 
     def publish(self, time: float, rail: Pose | None) -> None:
-        """Broadcast the pose of `rail` in `facade` at a time [s], if the pose is known."""
-        if self._publisher is None or rail is None:
+        """
+        Broadcast the pose of `rail` in `facade` at a time [s], if the pose is known.
+
+        The caller has checked `is_subscribed`.
+        """
+        if rail is None:
             return
         place = pose_message(rail)
         transform = TransformStamped()
