@@ -149,7 +149,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         'stale',
         f'{SILENT}{NEXT}{SILENT.next_step}',
         SILENT.next_step,
-        SILENT.power,
+        'unknown',
     )
 
     def __init__(
@@ -204,7 +204,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             values['level'],
             values['message'],
             values.get('next step', ''),
-            values.get('power', SILENT.power),
+            values.get('power', 'unknown'),
         )
 
     @property

@@ -31,17 +31,10 @@ class DriverStatus(NamedTuple):
     )
     #: since when the drives follow setpoints [s, ROS time]; infinite while they do not
     active_since: float = math.inf
-    power: str = 'unknown'  #: of the drives, by their statuswords
 
     def __str__(self) -> str:
         """Return the state, worded as the reason of a rejection."""
         return 'the driver is silent' if self is SILENT else state_sentence(self.state)
-
-    def values(self) -> dict[str, str]:
-        """Return the values for a message on driver/status."""
-        return {
-            name.replace('_', ' '): str(value) for name, value in self._asdict().items()
-        }
 
     @staticmethod
     def from_message(message: DiagnosticStatus) -> DriverStatus:
@@ -52,11 +45,7 @@ class DriverStatus(NamedTuple):
             if not since > -math.inf:  # also rejects NaN
                 raise ValueError(f'active since {since}')
             return DriverStatus(
-                values['state'],
-                values['activity'],
-                values['next step'],
-                since,
-                values.get('power', 'unknown'),
+                values['state'], values['activity'], values['next step'], since
             )
         except (KeyError, ValueError) as error:
             raise InputError(

@@ -165,7 +165,10 @@ def diagnostics_of(node):
 
 def driver_message(status):
     """Return a status of the driver as a message."""
-    return diagnostic_status('operation', 'ok', status.state, status.values())
+    values = {
+        name.replace('_', ' '): str(value) for name, value in status._asdict().items()
+    }
+    return diagnostic_status('operation', 'ok', status.state, values)
 
 
 # the machine of the tests may be busy; that such time-outs act is the controller's tests'
