@@ -37,10 +37,10 @@ class CommandGate(Generic[C]):
     Gate that passes only the commands received while the drives are active.
 
     The gate is open while driver/status reports active drives. It is also open if no driver/status
-    was received within `patience` of the start, because a driver of another make publishes no
+    was received within `PATIENCE` of the start, because a driver of another make publishes no
     status.
 
-    A closed gate holds the newest command for `patience`, because a command that follows the
+    A closed gate holds the newest command for `PATIENCE`, because a command that follows the
     activation may arrive before the driver's status. The command passes if it was received after
     the activation. Otherwise it is rejected once.
 
@@ -61,18 +61,15 @@ class CommandGate(Generic[C]):
     Attributes
     ----------
     status : DriverStatus or None
-        None before the first message, `SILENT` after `silence` without a message.
+        None before the first message, `SILENT` after `SILENCE` without a message.
     held : command or None
         Command that waits for the status of the driver.
-    patience : float
-        Longest wait for the first status, and for the status after a command [s].
-    silence : float
-        Time without a status after which the driver counts as silent [s].
 
     """
 
     # s, for the first driver/status after the start, and for the status after a command
-    STATUS_TIMEOUT = STATUS_PERIOD
+    PATIENCE = STATUS_PERIOD
+    SILENCE = DRIVER_SILENCE
 
     def __init__(
         self,
@@ -85,8 +82,6 @@ class CommandGate(Generic[C]):
         self._reject = reject
         self._end = end
         self._repeat = repeat
-        self.patience = self.STATUS_TIMEOUT
-        self.silence = DRIVER_SILENCE
         self.status: DriverStatus | None = None
         self._opened = math.inf  # commands received before do not pass
         self._deadline = math.inf  # of the next status; set by the first update
@@ -111,7 +106,7 @@ class CommandGate(Generic[C]):
 
     def receive(self, now: float, system_time: float, status: DriverStatus) -> None:
         """Apply a driver/status; measure the age of the activation with the system clock [s]."""
-        self._deadline = now + self.silence
+        self._deadline = now + self.SILENCE
         before = self.status
         self.status = status
         if math.isinf(status.active_since):
@@ -132,13 +127,13 @@ class CommandGate(Generic[C]):
         """Apply the time-outs of the driver status and of the held command."""
         if self._deadline == math.inf:
             # not in the constructor: a busy process may begin its callbacks late
-            self._deadline = now + self.patience
+            self._deadline = now + self.PATIENCE
         elif now > self._deadline and self.status is None:
             self._open(-math.inf)
         elif now > self._deadline and self.status is not SILENT:
             self._become_silent()
         held = self.held
-        if held is not None and now > held.received + self.patience:
+        if held is not None and now > held.received + self.PATIENCE:
             self._reject_held(held)
 
     def refusal(self, next_step: str) -> InputError:

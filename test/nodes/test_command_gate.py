@@ -82,7 +82,7 @@ def active(bench):
 
 def test_commands_pass_without_a_driver_after_a_delay(bench):
     early = bench.offer()
-    bench.wait(CommandGate.STATUS_TIMEOUT)
+    bench.wait(CommandGate.PATIENCE)
     assert bench.followed == []
     bench.wait(2 * GATE_PERIOD)
     late = bench.offer()
@@ -96,25 +96,25 @@ def test_late_first_callback_does_not_open_the_gate(bench):
     bench.now += 1.0
     bench.offer()
     bench.report('inactive')
-    bench.wait(2 * CommandGate.STATUS_TIMEOUT)
+    bench.wait(2 * CommandGate.PATIENCE)
     assert bench.followed == []
     assert len(bench.rejected) == 1
 
 
 @pytest.mark.parametrize('since', [START - 1.0, START + 1.0])
 def test_driver_that_appears_late_ends_only_earlier_commands(bench, since):
-    bench.wait(CommandGate.STATUS_TIMEOUT + 2 * GATE_PERIOD)
+    bench.wait(CommandGate.PATIENCE + 2 * GATE_PERIOD)
     bench.offer()
     bench.now += 1.0
     bench.report('active', since)
-    assert len(bench.ends) == (since > START + CommandGate.STATUS_TIMEOUT)
+    assert len(bench.ends) == (since > START + CommandGate.PATIENCE)
 
 
 def test_invalid_first_status_closes_the_gate(bench):
     """Two drivers from the start are not a driver of another make."""
     command = bench.offer()
     bench.gate.receive_invalid()
-    bench.wait(2 * CommandGate.STATUS_TIMEOUT)
+    bench.wait(2 * CommandGate.PATIENCE)
     assert bench.followed == []
     assert bench.rejected == [command]
 
@@ -125,7 +125,7 @@ def test_command_between_activation_and_its_status_is_followed(bench):
     since = bench.now
     bench.now += 0.1
     command = bench.offer()
-    bench.wait(CommandGate.STATUS_TIMEOUT / 2)
+    bench.wait(CommandGate.PATIENCE / 2)
     bench.report('active', since)
     assert bench.followed == [command]
     assert bench.rejected == []
@@ -146,9 +146,9 @@ def test_command_before_the_activation_is_rejected_at_once(bench):
 def test_command_without_activation_is_rejected_once(bench):
     bench.report('inactive')
     command = bench.offer()
-    bench.wait(CommandGate.STATUS_TIMEOUT)
+    bench.wait(CommandGate.PATIENCE)
     assert bench.rejected == []
-    bench.wait(3 * CommandGate.STATUS_TIMEOUT)
+    bench.wait(3 * CommandGate.PATIENCE)
     assert bench.rejected == [command]
     assert bench.reasons == [
         'the drives are inactive; next: activate, then send the pose again'
@@ -158,9 +158,9 @@ def test_command_without_activation_is_rejected_once(bench):
 def test_newer_command_replaces_the_held_command(bench):
     bench.report('inactive')
     bench.offer()
-    bench.wait(CommandGate.STATUS_TIMEOUT / 2)
+    bench.wait(CommandGate.PATIENCE / 2)
     newer = bench.offer()
-    bench.wait(2 * CommandGate.STATUS_TIMEOUT)
+    bench.wait(2 * CommandGate.PATIENCE)
     assert bench.rejected == [newer]
 
 
@@ -185,7 +185,7 @@ def test_driver_that_returns_follows_no_earlier_command(active):
     active.wait(DRIVER_SILENCE + 2 * GATE_PERIOD)
     active.followed.clear()
     active.report('active', since)
-    active.wait(CommandGate.STATUS_TIMEOUT)
+    active.wait(CommandGate.PATIENCE)
     assert active.followed == []
     assert not active.gate.has_passed
     newer = active.offer()
@@ -215,7 +215,7 @@ def test_status_that_repeats_the_activation_ends_nothing(active):
     since = active.now
     active.offer()
     for _ in range(20):
-        active.wait(CommandGate.STATUS_TIMEOUT)
+        active.wait(CommandGate.PATIENCE)
         active.report('active', since)
     assert active.ends == []
 
@@ -258,7 +258,7 @@ def test_only_commands_after_the_activation_are_followed(events):
             newest = bench.followed[-1]
             ended = bench.ends and bench.ends[-1] > newest.received
             assert ended or newest.received >= since
-    bench.wait(2 * CommandGate.STATUS_TIMEOUT)
+    bench.wait(2 * CommandGate.PATIENCE)
     answered = bench.followed + bench.rejected
     assert len(answered) == len({*answered})
     assert not offered or offered[-1] in answered

@@ -285,7 +285,7 @@ def test_two_drivers_from_the_start_move_nothing(ros, neighbours):
 
 def test_goal_right_after_the_activation_is_followed(neighbours):
     """The goal may arrive before the driver's status, which another process publishes."""
-    neighbours.gate.patience = 60.0
+    neighbours.gate.PATIENCE = 60.0
     neighbours.publish_driver('activating')
     since = neighbours.now()
     neighbours.send_goal()
@@ -410,8 +410,8 @@ def test_goal_before_driver_status_is_answered_in_time(ros, monkeypatch, later, 
 @pytest.mark.parametrize('during', [False, True])
 def test_goal_before_or_during_driver_silence_moves_nothing(neighbours, during):
     gate = neighbours.gate
-    gate.silence = 0.3
-    gate.patience = 0.075  # shorter than the silence, as in the node
+    gate.SILENCE = 0.3
+    gate.PATIENCE = 0.075  # shorter than the silence, as in the node
     neighbours.publish_driver('inactive', next_step='activate')
     neighbours.send_goal()
     neighbours.until_goal_status(

@@ -276,7 +276,7 @@ def test_pose_before_the_activation_moves_nothing(bench):
 
 
 def test_held_pose_applies_at_the_time_it_passes(bench):
-    bench.gate.patience = 60.0
+    bench.gate.PATIENCE = 60.0
     bench.publish_driver('activating')
     since = bench.now()
     bench.send(MIDDLE, since)
@@ -288,7 +288,7 @@ def test_held_pose_applies_at_the_time_it_passes(bench):
 
 
 def test_pose_during_driver_silence_moves_nothing(bench):
-    bench.gate.silence = 0.3
+    bench.gate.SILENCE = 0.3
     bench.until_head(Pose(-0.05, 0.25, 0.0))
     since = bench.now()
     bench.publish_driver('active', since=since)
