@@ -141,21 +141,21 @@ def accept_changes(
     node.add_post_set_parameters_callback(apply)
 
 
-def parameter_files(args: Sequence[str] | None = None) -> list[Path]:
-    """Return the parameter files named in arguments, by default those of this process."""
+def parameter_files(args: Sequence[str] | None) -> list[Path]:
+    """Return the parameter files named in arguments; None for those of this process."""
     words = pairwise(sys.argv if args is None else args)
     return [Path(value) for word, value in words if word == '--params-file']
 
 
 def reject_unknown_parameters(
-    nodes: Sequence[Node], args: Sequence[str] | None = None
+    nodes: Sequence[Node], args: Sequence[str] | None
 ) -> None:
     """
     Raise a ParameterError if a node is given a parameter that it does not have.
 
     ROS ignores such a parameter, and the default would stay in force unnoticed. A section for all
     nodes may contain parameters of a node in another process; a name that no node has is logged
-    unless its group is known. `args` are the arguments of the process, by default `sys.argv`.
+    unless its group is known. `args` are the arguments of the process; None for `sys.argv`.
     """
     words = pairwise(sys.argv if args is None else args)
     arguments = [_argument(value) for word, value in words if word in ('-p', '--param')]
