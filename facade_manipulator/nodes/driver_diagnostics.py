@@ -55,7 +55,7 @@ def operation_status(
     stream: StreamStatus,
     active_since: float,
     more: dict[str, Any],
-    node_notes: tuple[str, ...] = (),
+    node_notes: tuple[str, ...],
 ) -> DiagnosticStatus:
     """
     Return the component of the drive group, which is also published on driver/status.
@@ -92,7 +92,7 @@ _BUS_WORDS = {
 }
 
 
-def bus_status(snapshot: ControllerSnapshot, is_real: bool = True) -> DiagnosticStatus:
+def bus_status(snapshot: ControllerSnapshot, is_real: bool) -> DiagnosticStatus:
     """Return the component of bus and cycle; for real drives, require real-time priority."""
     cycle = snapshot.cycle
     bus = snapshot.bus

@@ -87,7 +87,7 @@ def test_bus_component_has_the_state_of_the_bus(state):
     snapshot = ControllerSnapshot(
         state, 1.0, (), causes, 'configure', bus_error=bus_error
     )
-    status = bus_status(snapshot)
+    status = bus_status(snapshot, is_real=True)
     found = (status_level(status), status.message)
     assert found == BUS_MESSAGES.get(state, ('ok', 'open'))
 
@@ -134,12 +134,15 @@ def test_operation_and_bus_values_have_units_of_their_keys():
         BusStatistics(50, 40, 3, 2, 1, 'passive'),
     )
     stream = StreamStatus('braking', 5, 6, 'too near')
-    gone = bus_status(snapshot._replace(bus_error='can0 is down'))
+    gone = bus_status(snapshot._replace(bus_error='can0 is down'), is_real=True)
     assert status_level(gone) == 'error'
     assert gone.message.startswith('can0 is down; next: ')
     outcome = outcome_of(snapshot, stream.activity)
-    operation = operation_status(outcome, snapshot, stream, math.inf, {'version': '1'})
-    values = status_values(bus_status(snapshot)) | status_values(operation)
+    operation = operation_status(
+        outcome, snapshot, stream, math.inf, {'version': '1'}, node_notes=()
+    )
+    bus = bus_status(snapshot, is_real=True)
+    values = status_values(bus) | status_values(operation)
     expected = {
         'state': 'stopped',
         'activity': 'braking',
