@@ -36,8 +36,9 @@ TPDO1_WRITES = [
 
 
 def test_configuration_of_pdo1_matches_the_transcripts():
-    assert [tuple(write) for write in pdo.TPDO1.configure_writes(1)] == TPDO1_WRITES
-    rpdo = pdo.RPDO1.configure_writes(2)
+    tpdo = pdo.TPDO1.configure_writes(1, rate=100)
+    assert [tuple(write) for write in tpdo] == TPDO1_WRITES
+    rpdo = pdo.RPDO1.configure_writes(2, rate=100)
     assert rpdo[0][:3] == (0x1400, 1, 0x80000202)
     assert rpdo[-2][:3] == (0x1400, 2, 1)
     assert rpdo[-1][:3] == (0x1400, 1, 0x202)

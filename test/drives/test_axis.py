@@ -49,7 +49,7 @@ def test_answer_is_complete_with_every_tpdo_of_sync():
     """Otherwise the following errors of different cycles would be compared."""
     axis = made()
     answer(axis, 1)
-    axis.end_cycle(T)
+    axis.end_cycle(T, may_rest=True)
     axis.receive_tpdo(TPDO1, bytes(TPDO1.codec.size), 2 * T, 2 * T)
     assert axis.answers.newest == T
     axis.receive_tpdo(TPDO2, bytes(TPDO2.codec.size), 2 * T, 2 * T)
@@ -71,7 +71,7 @@ def test_drive_that_reports_disobedience_is_stopped(words, disobedience):
     axis = made()
     for cycle, word in enumerate(words, 1):
         answer(axis, cycle, word=word)
-        axis.end_cycle(cycle * T)
+        axis.end_cycle(cycle * T, may_rest=True)
     assert disobedience in axis.feedback.disobedience
     assert bool(disobedience) is bool(axis.feedback.disobedience)
 
@@ -101,7 +101,7 @@ def test_carriage_at_rest_has_constant_positions():
     axis = made()
     for cycle in range(1, 6):  # in the last cycle it no longer moves
         answer(axis, cycle, 0.004 * min(cycle, 4) * T)
-        axis.end_cycle(cycle * T)
+        axis.end_cycle(cycle * T, may_rest=True)
         assert axis.feedback.at_rest is (cycle in (1, 5))
 
 

@@ -34,7 +34,7 @@ class Axis:
 
     def __init__(self, method: int = 17, away: float = 0.0) -> None:
         self.axis = AxisSettings(homing_method=method, homing_speed=1.0)
-        self.homing = Homing('q1', self.axis, PERIOD)
+        self.homing = Homing('q1', self.axis, PERIOD, needs_bit_10=True)
         self.away = away
         self.is_homed_in = []  #: after each statusword
 
