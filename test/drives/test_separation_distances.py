@@ -11,7 +11,6 @@ from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.stopping_distances import (
     least_distance,
-    overshoot,
     Separation,
     StoppingAnalysis,
 )
@@ -147,10 +146,3 @@ def test_separation_allows_a_speed_from_its_distance(speed, farther):
     distance = SEPARATION.distance(speed)
     assert SEPARATION.speed(distance + farther + 1e-9) >= speed - 1e-6
     assert SEPARATION.speed(distance - farther - 0.001) < speed
-
-
-def test_weak_brake_stops_beyond_the_stroke():
-    assert overshoot(0.5, 3.0, 6.0) == 0.0
-    stopping = 0.5**2 / (2.0 * 1.5)  # m
-    planned = 0.5**2 / (2.0 * 3.0)  # m
-    assert overshoot(0.5, 3.0, 1.5) == pytest.approx(stopping - planned)

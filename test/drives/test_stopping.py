@@ -38,6 +38,15 @@ def test_default_parameters_keep_the_carriages_apart():
     assert distance == pytest.approx(0.0518, abs=1e-4)
 
 
+def test_weak_brake_stops_beyond_the_stroke():
+    limits = replace(LIMITS, speed=0.5, acceleration=3.0)
+    assert analysis(limits=limits, stop_deceleration=6.0).overshoot == 0.0
+    stopping = 0.5**2 / (2.0 * 1.5)  # m
+    planned = 0.5**2 / (2.0 * 3.0)  # m
+    weak = analysis(limits=limits, stop_deceleration=1.5)
+    assert weak.overshoot == pytest.approx(stopping - planned)
+
+
 @pytest.mark.parametrize('lag', [0.0, 0.01])
 def test_worst_axis_and_drive_lag_determine_the_separation(lag):
     first, middle, last = DEFAULT_AXES
