@@ -355,7 +355,7 @@ class DriveController:
 
     # --- the end of the bus
 
-    def close_bus(self, without_power: Collection[Axis] = ()) -> None:
+    def close_bus(self, without_power: Collection[Axis]) -> None:
         """
         Close the bus, and discard the state of all drives.
 

@@ -75,7 +75,7 @@ class DriveBus:
         """Record the drives that have not confirmed that they are without power."""
         self.unconfirmed = message
 
-    def close(self, axes: Iterable[Axis], without_power: Collection[Axis] = ()) -> None:
+    def close(self, axes: Iterable[Axis], without_power: Collection[Axis]) -> None:
         """
         Put the drives into NMT pre-operational, and close the bus.
 
