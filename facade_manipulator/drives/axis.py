@@ -174,7 +174,7 @@ class Axis:
 
     # --- the cycle
 
-    def end_cycle(self, sync_time: float, may_rest: bool = True) -> None:
+    def end_cycle(self, sync_time: float, may_rest: bool) -> None:
         """
         Update answers and feedback at the end of the cycle that began with a SYNC.
 

@@ -66,7 +66,7 @@ class Homing:
         name: str,
         axis: AxisSettings,
         period: float,
-        needs_bit_10: bool = True,
+        needs_bit_10: bool,
     ) -> None:
         self.rank = axis.homing_rank
         self.is_homed = False
