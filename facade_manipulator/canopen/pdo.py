@@ -106,7 +106,7 @@ class Pdo:
             read_back=cob_ids.NOT_VALID,
         )
 
-    def configure_writes(self, node_id: int, rate: int = 100) -> list[Write]:
+    def configure_writes(self, node_id: int, rate: int) -> list[Write]:
         """
         Return the writes that configure the PDO, in the order prescribed by CiA 301.
 

@@ -245,7 +245,7 @@ class SdoChannel:
         return int.from_bytes(data, 'little', signed=signed)
 
     def read_optional(
-        self, index: int, subindex: int = 0, signed: bool = False
+        self, index: int, subindex: int, signed: bool = False
     ) -> Steps[int | None]:
         """Read an object and return its value as a number; None if the drive lacks the object."""
         try:
