@@ -109,16 +109,6 @@ def starting_distance(
     return gap + max(0.0, (off1 - off2) * together)
 
 
-def overshoot(speed: float, acceleration: float, deceleration: float) -> float:
-    """
-    Return the maximum overshoot of a carriage beyond the stroke [m].
-
-    The commanded motion could come to rest inside the stroke with the acceleration [m/s²].
-    Instead, the carriage brakes from its speed [m/s] with the deceleration [m/s²].
-    """
-    return max(0.0, 0.5 * speed**2 * (1.0 / deceleration - 1.0 / acceleration))
-
-
 SEPARATION_MARGIN = 0.001  # m, for the speed that a carriage gains before it brakes
 
 
@@ -208,10 +198,15 @@ class StoppingAnalysis:
 
     @property
     def overshoot(self) -> float:
-        """Return the maximum overshoot of a carriage beyond the stroke [m]."""
-        return overshoot(
-            self.limits.speed, self.limits.acceleration, self.separation.deceleration
-        )
+        """
+        Return the maximum overshoot of a carriage beyond the stroke [m].
+
+        The commanded motion could come to rest inside the stroke with the maximum acceleration.
+        Instead, the carriage brakes from the maximum speed with the weakest brake.
+        """
+        planned = 0.5 * self.limits.speed**2 / self.limits.acceleration
+        needed = 0.5 * self.limits.speed**2 / self.separation.deceleration
+        return max(0.0, needed - planned)
 
     @cached_property
     def separation(self) -> Separation:
