@@ -70,7 +70,7 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
 
 
 def _rejection(request: Callable[[], None], message: str) -> list[str]:
-    """Execute a request to the system; return a message if the system rejects it, or ''."""
+    """Execute a request to the system; return a list with its rejection, or an empty list."""
     try:
         request()
     except (OSError, ValueError) as error:

@@ -137,7 +137,7 @@ class TargetSupervisor:
             if clock.held:
                 self.source.wait(clock.held)
             self.choose(reach_time)
-        except Exception as error:  # the source of targets may be the user's code
+        except Exception as error:  # a defect of the source must also stop the drives
             failure = (
                 'a target was rejected'
                 if isinstance(error, ManipulatorError)
