@@ -229,10 +229,7 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
 
     def home(self, again: bool = False) -> None:
         """Home all axes, unless they are all homed."""
-        if (
-            again
-            or 'home' in self._next_driver_values(self.driver_state())['next step']
-        ):
+        if again or 'home' in self._next_driver_values()['next step']:
             self._trigger(topics.HOME)
 
     def activate(self) -> None:
@@ -415,16 +412,18 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
         if not response.success:
             # The response cannot contain a reason, and the driver repeats the reason until the
             # next request.
-            reason = self._next_driver_values(self.driver_state())['message']
+            reason = self._next_driver_values()['message']
             raise RequestRejectedError(attributed(label, 'rejected', reason))
 
-    def _next_driver_values(self, label: str = '') -> dict[str, str]:
+    def _next_driver_values(self) -> dict[str, str]:
         """
         Return the values of the next message on driver/status.
 
         A message from before the last transition may arrive after its response. Such a message is
-        skipped if it contradicts the label of the lifecycle state.
+        skipped if it contradicts the label of the lifecycle state. The label is requested again,
+        because it follows the state of the drives a moment later, such as after a failed cleanup.
         """
+        label = self.driver_state()
         begin = time.monotonic()
         reports = self._received[topics.DRIVER_STATUS]
 
@@ -436,7 +435,15 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             )
             return None if received < begin or is_older else values
 
-        return self.wait_until(present, 'driver/status', next_step=self.CHECK_DRIVER)
+        end = begin + self.answer_timeout
+        while time.monotonic() < end:
+            with suppress(NoAnswerError):
+                return self.wait_until(present, 'driver/status', self.repeat_after)
+            label = self.driver_state()
+        raise NoAnswerError(
+            f'timed out after {self.answer_timeout:g} s waiting for driver/status; '
+            f'next: {self.CHECK_DRIVER}'
+        )
 
     def _driver_values(self) -> dict[str, str]:
         """Return the values of driver/status; empty while the driver is silent."""

@@ -211,6 +211,27 @@ def test_home_skips_a_late_status_of_another_state(client, machine, older):
     assert machine.requests == ['driver/home']
 
 
+def test_failed_cleanup_raises_its_reason_while_the_state_changes(client, machine):
+    """The driver returns to inactive first, and then follows the drives to unconfigured."""
+    # before the request, and right after its response
+    labels = iter(['inactive', 'inactive'])
+
+    def get_state(_, response):
+        response.current_state = State(label=next(labels, 'unconfigured'))
+        return response
+
+    def change_state(_, response):
+        machine.report('unconfigured', 'the power of q2 is not confirmed off')
+        response.success = False
+        return response
+
+    machine.get_state = get_state
+    machine.change_state = change_state
+    client.answer_timeout = 2.0
+    with pytest.raises(RequestRejectedError, match='q2 is not confirmed off'):
+        client.cleanup()
+
+
 @pytest.mark.parametrize('older', OLDER)
 def test_failed_transition_raises_the_reason_after_the_answer(client, machine, older):
     machine.report(*older)
