@@ -73,7 +73,7 @@ def test_return_of_a_yaw_is_reported_in_milliradians():
     measurement = Measurement('pose.theta', 10.0, 0.0, SIGMA**2)
     event = yaw_channel().decide(measurement, 1e-3, 5e-3, is_coasting=False)
     assert 'at +0.0 mrad' in event
-    assert event.endswith('+-5.0 mrad')
+    assert event.endswith('with a deviation of 5.0 mrad')
 
 
 def test_yaw_in_another_unit_is_rejected_in_radians():
