@@ -93,6 +93,13 @@ def test_halt_holds_and_activate_resumes(rig):
     rig.until(lambda: abs(rig.carriages[0] - held) > 0.005)
 
 
+def test_next_step_of_a_halt_in_progress_leads_to_its_end(rig):
+    in_motion(rig)
+    rig.ask('halt')
+    rig.until(lambda: rig.state is ControllerState.HALTING)
+    assert rig.snapshot.next_step == 'wait until the drives are halted, then clear_faults'
+
+
 @pytest.mark.parametrize(
     ('request_', 'cycles', 'unhomed'),
     [('activate', 0, ()), ('activate', 12, ()), ('home', 12, AXIS_NAMES)],
