@@ -121,6 +121,7 @@ def present_state(controller: DriveController) -> ControllerState:
 NEXT_STEPS = {
     ControllerState.UNCONFIGURED: 'configure, home, activate',
     ControllerState.INACTIVE: 'activate',
+    ControllerState.HALTING: 'wait until the drives are halted, then clear_faults',
     ControllerState.HALTED: 'clear_faults',
     ControllerState.ACTIVE: '',
     ControllerState.CLOSED: Remedy.START_DRIVER,
