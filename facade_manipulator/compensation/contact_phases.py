@@ -237,6 +237,11 @@ class Pressing:
         return self.ramp.desired
 
     @property
+    def distance_at_rest(self) -> float:
+        """Return the distance before the goal at which the head waits without pressing [m]."""
+        return -self._rest
+
+    @property
     def zero(self) -> float:
         """Return the zero of the force sensor [N]."""
         return self.sensor_zero.force

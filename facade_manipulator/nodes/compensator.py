@@ -313,7 +313,9 @@ class CompensatorNode(BaseNode):
     def _hold(self) -> str:
         place = self._compensator.hold(monotonic())
         self._goals.end(f'{topics.HOLD.name} was called')
-        return f'the head stays on the wall at {millimetres(place)}'
+        retreat = self._compensator.contact.pressing.distance_at_rest
+        distance = f'{1e3 * retreat:.1f} mm in front of' if retreat else 'at'
+        return f'the head stays {distance} {millimetres(place)}'
 
 
 main = partial(run, lambda: [CompensatorNode()])

@@ -448,7 +448,7 @@ def test_goal_before_or_during_driver_silence_moves_nothing(neighbours, during):
 def test_hold_ends_the_goal_with_a_single_report(following):
     reply = following.call(topics.HOLD)
     assert reply.success
-    assert reply.message == (f'the head stays on the wall at {millimetres(GOAL)}')
+    assert reply.message == f'the head stays at {millimetres(GOAL)}'
     following.until_goal_status('ended: compensator/hold was called')
     following.statuses.clear()
     following.publish_driver('active', since=0.0)
@@ -481,6 +481,8 @@ def test_force_and_lateral_offset_reach_the_contact(ros):
     )  # of the force sensor, which is discovered first
     ros.until(lambda: contact.pressing.zero == pytest.approx(5.0, rel=0.1), 'the zero')
     ros.until(lambda: contact.present.x > 1e-3, 'the shift along the wall')
+    message = neighbours.call(topics.HOLD).message
+    assert message == f'the head stays 50.0 mm in front of {millimetres(GOAL)}'
     assert {'pressing', 'force on the wall [N]', 'desired force [N]'} <= {
         *status_values(neighbours.statuses[-1])
     }
