@@ -97,7 +97,9 @@ def test_next_step_of_a_halt_in_progress_leads_to_its_end(rig):
     in_motion(rig)
     rig.ask('halt')
     rig.until(lambda: rig.state is ControllerState.HALTING)
-    assert rig.snapshot.next_step == 'wait until the drives are halted, then clear_faults'
+    assert (
+        rig.snapshot.next_step == 'wait until the drives are halted, then clear_faults'
+    )
 
 
 @pytest.mark.parametrize(
