@@ -48,10 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the simulated drives until SIGINT or SIGTERM; return the exit status."""
     options = _parser().parse_args(arguments)
     # their messages repeat errors of this process or master
-    for name in (
-        'can',
-        'canopen',
-    ):
+    for name in ('can', 'canopen'):
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     return exit_status('drive_simulator', lambda: _run(options))
 
@@ -122,7 +119,9 @@ _INPUT_PERIOD = 0.1  # s, between two looks at standard input
 
 def _wait() -> None:
     """Wait between two looks at the input; raises a _StopSignal."""
-    if signal.sigtimedwait(_STOP_SIGNALS, _INPUT_PERIOD):
+    received = signal.sigtimedwait(_STOP_SIGNALS, _INPUT_PERIOD)
+    # after a stop of the process (Ctrl-Z) Python returns a structure without a signal
+    if received is not None and received.si_signo in _STOP_SIGNALS:
         raise _StopSignal
 
 

@@ -1,9 +1,14 @@
 """Simulated drives on a python-can bus, and options of their executable."""
 
+import os
+import signal
+import subprocess
 import threading
+import time
 
 import can
 import pytest
+from support import wait_until
 
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.simulation.drives import __main__ as drive_simulator
@@ -50,3 +55,21 @@ def test_options_of_the_executable_reach_the_drives():
         assert drive.motor.carriage_position == pytest.approx(0.2)
         assert drive.motor.lag == 0.02
         assert (0x60C5, 0) not in drive.objects.variables
+
+
+def test_drive_simulator_continues_after_a_stopped_process(start_process):
+    """Ctrl-Z and fg in its terminal."""
+    process = start_process(
+        'facade_manipulator.simulation.drives',
+        '--interface',
+        'virtual',
+        stdin=subprocess.PIPE,
+    )
+    wait_until(lambda: 'ruler' in process.log.read_text(), 'the start')
+    os.kill(process.pid, signal.SIGSTOP)
+    time.sleep(0.3)  # s, longer than the process waits for a signal
+    os.kill(process.pid, signal.SIGCONT)
+    process.stdin.write(b'ruler\n')
+    process.stdin.flush()
+    wait_until(lambda: 'middle of the rail' in process.log.read_text(), 'the reply')
+    assert process.poll() is None
