@@ -33,6 +33,7 @@ FIRST_TOUCH_TIME = 1.0  # s, from the first touch
 FORCE = 30.0  # N, desired
 TOUCH = 1.0  # N
 SCALES = np.array([1e3, 1e3, math.degrees(1.0)])  # to mm, mm, °
+# scenario and stiffness of the brush [N/mm]
 ROWS = (
     'breeze',
     'three_tones',
@@ -42,7 +43,7 @@ ROWS = (
     'pressing 0.6',
     'pressing 2',
     'pressing 5',
-)  # scenario and stiffness of the brush [N/mm]
+)
 COLUMNS = (
     'without',
     'scenario',

@@ -139,9 +139,8 @@ def test_mock_hardware_is_configured_and_ends_in_order(launch, ros):
     until_logged(process, 'are configured')
     operator = ros.node('operator')
     state = ros.call(operator, GetState, 'gondola_1/driver/get_state').current_state.id
-    assert (
-        state == State.PRIMARY_STATE_INACTIVE
-    )  # no other program powers the drives on
+    # no other program powers the drives on
+    assert state == State.PRIMARY_STATE_INACTIVE
     ros.until(
         lambda: {'ik_service', 'gondola_simulator'} <= {*operator.get_node_names()},
         'the other nodes',

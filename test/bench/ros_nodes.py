@@ -23,13 +23,14 @@ DEPLOYMENT = (
 )
 DRIVER = '{}>python_can 100>joint_states joint_setpoints>!'
 SWAY = '2>goal_pose {}>disturbance 100>joint_states joint_setpoints>'  # feeds a compensator
+# of figures
 UNITS = {
     'p50': 'us',
     'CPU': '%',
     'cycle': 'us',
     'whole CPU': '%',
     'memory': 'MiB',
-}  # of figures
+}
 
 
 def role(words, executor='events'):

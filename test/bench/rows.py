@@ -2,12 +2,13 @@
 
 from statistics import median
 
+# from seconds, shares, bytes
 FACTORS = {
     'us': 1e6,
     '%': 100.0,
     'MiB': 2.0**-20,
     'sigma': 1.0,
-}  # from seconds, shares, bytes
+}
 
 
 def row(name, unit, goal, ours, competitor):

@@ -24,14 +24,14 @@ HOMED = snapshots.AxisSnapshot('q1', 1, 0x0027, velocity=-0.2, homed=True)
 AXES = (HOMED, snapshots.AxisSnapshot('q2', 2))
 STILL = (0.0,) * 3
 MORE_THAN_FIT = 5000  # setpoints in a channel
-RUNS = {
-    'wait.side_effect': subprocess.TimeoutExpired('loop', 1.0)
-}  # a process that hangs
+# a process that hangs
+RUNS = {'wait.side_effect': subprocess.TimeoutExpired('loop', 1.0)}
+# the last so that no zombie stays
 KILLED = [
     call.wait(0.0),
     call.kill(),
     call.wait(1.0),
-]  # the last so that no zombie stays
+]
 
 
 def state(number=0, kind=ControllerState.INACTIVE):

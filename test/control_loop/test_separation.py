@@ -93,9 +93,8 @@ def test_no_carriage_touches_a_neighbour_that_fails(seed):
     axes = axes_at((left, right, middle))
     settings = replace(SETTINGS, drive_lag=lag, hold_cycles=1)
     drives = [SimulatedDrive(axis, SimulationSettings(lag=lag)) for axis in axes]
-    speed = min(
-        0.5, 0.0149 / max(lag, 1e-3)
-    )  # m/s, keeps the following error below 15 mm
+    # m/s, keeps the following error below 15 mm
+    speed = min(0.5, 0.0149 / max(lag, 1e-3))
     rig = Rig(settings, axes, drives, limits=MotionLimits(speed=speed))
     rig.request('configure', 'home', 'activate')
     rig.course = swing(chance)

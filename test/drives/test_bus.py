@@ -352,9 +352,8 @@ def test_cleanup_with_lost_bus_names_drives_not_confirmed_off(rig, cycles):
     assert rig.state is ControllerState.UNCONFIGURED
 
 
-@pytest.mark.parametrize(
-    'number', range(9)
-)  # three each: reset, pre-operational, operational
+# three each: reset, pre-operational, operational
+@pytest.mark.parametrize('number', range(9))
 def test_congested_network_command_is_sent_later(rig, number):
     commands = []
 

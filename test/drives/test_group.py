@@ -48,9 +48,8 @@ class Drives:
         self.history = []
         self.underway = deque()
         self.cycle(3)
-        self.underway.extend(
-            [self.history[-1]] * latency
-        )  # commands that no drive has taken yet
+        # commands that no drive has taken yet
+        self.underway.extend([self.history[-1]] * latency)
 
     def cycle(self, count: int = 1) -> None:
         for _ in range(count):

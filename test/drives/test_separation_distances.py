@@ -28,6 +28,7 @@ share = st.floats(-1.0, 1.0)
 shares = st.tuples(share, share, share)
 
 
+# the neighbour continues at full speed
 @pytest.mark.parametrize(
     ('limits', 'deceleration', 'delay', 'left'),
     [
@@ -36,7 +37,7 @@ shares = st.tuples(share, share, share)
         (SUDDEN, 1.5, 0.0, -0.0633),
         (SUDDEN, 6.0, 0.02, GAP - 0.5 * 0.02),
     ],
-)  # the neighbour continues at full speed
+)
 def test_minimum_distance_depends_on_deceleration_and_delay(
     limits, deceleration, delay, left
 ):

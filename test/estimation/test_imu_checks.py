@@ -29,6 +29,7 @@ def rejection(rates=STILL, forces=REST, late=0.004, count=1, step=STEP):
     return found
 
 
+# a bump
 @pytest.mark.parametrize(
     ('expected', 'changes'),
     [
@@ -50,7 +51,7 @@ def rejection(rates=STILL, forces=REST, late=0.004, count=1, step=STEP):
         ('mounting', {'forces': (0.0, 0.0, -GRAVITY), 'count': 1000}),
         ('', {'forces': (8.0, 0.0, GRAVITY), 'count': 20}),
     ],
-)  # a bump
+)
 def test_faulty_imu_is_rejected_with_its_reason(expected, changes):
     assert rejection(**changes) == expected
 

@@ -80,9 +80,8 @@ def test_transition_matrix_is_the_derivative_of_the_motion(imu, mean):
 def test_jacobian_is_the_derivative_of_the_measurement(sensor, mean, later):
     _, jacobian = sensor.expect(mean.tolist(), later)
     found = slopes(lambda state: sensor.expect(state.tolist(), later)[0], mean)
-    assert jacobian == pytest.approx(
-        found, abs=1e-3
-    )  # first order in `later` and the delay
+    # first order in `later` and the delay
+    assert jacobian == pytest.approx(found, abs=1e-3)
 
 
 # turning about a point at a distance of 1 m

@@ -123,9 +123,8 @@ class CycleChecks:
 
     def _check_motion(self) -> None:
         self.commands += 1
-        if (
-            not self._rig.controller.unhomed
-        ):  # else no encoder counts from the carriage's place
+        # otherwise no encoder counts from the carriage's place
+        if not self._rig.controller.unhomed:
             self.check_targets(self._positions[-1])
         if self.is_late:
             self._positions.clear()

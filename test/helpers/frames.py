@@ -15,9 +15,7 @@ encode_rpdo1 = RPDO1.codec.pack
 encode_tpdo1 = TPDO1.codec.pack
 decode_rpdo1 = _decoder(RPDO1, 'controlword mode target_counts')
 decode_tpdo1 = _decoder(TPDO1, 'statusword mode position_counts')
-decode_tpdo2 = _decoder(
-    TPDO2, 'velocity following_error_counts'
-)  # in the drive's velocity unit
-decode_tpdo3 = _decoder(
-    TPDO3, 'error_code torque digital_inputs'
-)  # in thousandths of the rated
+# in the drive's velocity unit
+decode_tpdo2 = _decoder(TPDO2, 'velocity following_error_counts')
+# in thousandths of the rated
+decode_tpdo3 = _decoder(TPDO3, 'error_code torque digital_inputs')

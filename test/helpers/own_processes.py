@@ -106,9 +106,8 @@ def forbid_priority() -> None:
 
     It is the `preexec_fn` of processes: root keeps its permission until it executes a program.
     """
-    ctypes.CDLL(None).prctl(
-        _DROP_CAPABILITY, _SYS_NICE, 0, 0, 0
-    )  # without effect if not root
+    # without effect if not root
+    ctypes.CDLL(None).prctl(_DROP_CAPABILITY, _SYS_NICE, 0, 0, 0)
     resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
 
 

@@ -455,9 +455,8 @@ def test_hold_ends_the_goal_with_a_single_report(following):
     following.components.clear()
     following.until_status('correction', '')
     assert not following.statuses
-    following.publish(
-        topics.GOAL_POSE, pose_stamped('facade', 0.0, GOAL)
-    )  # not a repetition
+    # not a repetition
+    following.publish(topics.GOAL_POSE, pose_stamped('facade', 0.0, GOAL))
     following.until_goal_status('accepted')
 
 
@@ -476,9 +475,8 @@ def test_force_and_lateral_offset_reach_the_contact(ros):
         )
     )
     neighbours.send_goal()
-    neighbours.until_goal_status(
-        'zero'
-    )  # of the force sensor, which is discovered first
+    # of the force sensor, which is discovered first
+    neighbours.until_goal_status('zero')
     ros.until(lambda: contact.pressing.zero == pytest.approx(5.0, rel=0.1), 'the zero')
     ros.until(lambda: contact.present.x > 1e-3, 'the shift along the wall')
     message = neighbours.call(topics.HOLD).message

@@ -265,9 +265,8 @@ def test_pose_before_the_activation_moves_nothing(bench):
     assert not bench.is_approaching
     bench.publish_driver('activating')
     since = bench.now()
-    bench.send(
-        MIDDLE
-    )  # right after the activation, which the driver's status reports later
+    # right after the activation, which the driver's status reports later
+    bench.send(MIDDLE)
     bench.until(lambda: bench.gate.held, 'the goal')
     bench.publish_driver('active', since=since)
     bench.until(lambda: bench.setpoints, 'a setpoint')
@@ -312,9 +311,8 @@ def test_joints_and_poses_have_frames_of_the_namespace(ros):
     bench.until(
         lambda: publish() or (described and bench.heads and bench.setpoints), 'poses'
     )
-    assert (
-        bench.tested._description._published == -math.inf
-    )  # no node subscribes to the joints
+    # no node subscribes to the joints
+    assert bench.tested._description._published == -math.inf
     joints = bench.collect(topics.MECHANISM_STATES)
     bench.until(lambda: publish() or joints, 'the joints')
     assert described[0].data == urdf(GEOMETRY, 'gondola_1/')

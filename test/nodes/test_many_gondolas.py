@@ -53,9 +53,8 @@ def test_two_gondolas_move_stop_and_end_independently(ros, ros_domain, start_pro
             second.home()
         first.home()
         first.activate()
-        for _ in range(
-            4
-        ):  # Fast DDS stops the interpreter of a node while a participant joins
+        # Fast DDS stops the interpreter of a node while a participant joins
+        for _ in range(4):
             context = rclpy.Context()
             context.init(domain_id=ros_domain)
             rclpy.create_node('visitor', context=context).destroy_node()
@@ -72,9 +71,8 @@ def test_two_gondolas_move_stop_and_end_independently(ros, ros_domain, start_pro
             '/rosout',
         }
     (loop,) = children(first.driver.pid)
-    os.kill(
-        loop, signal.SIGTERM
-    )  # systemd sends the signal to the loop and to the node
+    # systemd sends the signal to the loop and to the node
+    os.kill(loop, signal.SIGTERM)
     first.driver.terminate()
     wait_until(lambda: first.driver.poll() is not None, 'the end of the node')
     assert first.driver.returncode == 0

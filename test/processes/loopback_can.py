@@ -50,9 +50,8 @@ class LoopbackBus(can.BusABC):
             message = self._take()
             if message is not None and self._matches_filters(message):
                 return message, True
-            timeout = (
-                timeout and 0.0
-            )  # what has come by now; python-can waits for the rest
+            # what has come by now; python-can waits for the rest
+            timeout = timeout and 0.0
         return None, False
 
     def _take(self) -> can.Message | None:

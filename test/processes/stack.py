@@ -145,9 +145,8 @@ def come_down(client: ManipulatorClient) -> None:
     ways = {'active': client.deactivate, 'inactive': client.cleanup}
 
     def is_down() -> bool:
-        with suppress(
-            ManipulatorError
-        ):  # the driver was busy, or has left that state by itself
+        # the driver was busy, or has left that state by itself
+        with suppress(ManipulatorError):
             state = client.driver_state()
             if state in ways:
                 ways[state]()

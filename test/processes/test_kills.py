@@ -44,9 +44,8 @@ def first_of_each(watcher, base, since, wanted) -> list[float] | None:
     return None if None in times else times
 
 
-@pytest.mark.driver(
-    'controller.max_missed_cycles:=10'
-)  # a guest may pause on a busy computer
+# a guest may pause on a busy computer
+@pytest.mark.driver('controller.max_missed_cycles:=10')
 def test_frozen_loop_stops_drives_and_enables_none_later(
     active, driver, watcher, vcan0
 ):

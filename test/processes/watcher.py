@@ -30,11 +30,12 @@ class Watcher:
         if bus.interface == 'socketcan':
             with suppress(PermissionError):  # keep more than some 250 frames
                 self._bus.socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 8 << 20)
+        # few enough for a virtual machine to read in time
         wanted = [
             0x080,
             0x77F,
             PULSE,
-        ]  # few enough for a virtual machine to read in time
+        ]
         for node in NODES:
             wanted += [0x080 + node, 0x180 + node, 0x200 + node, 0x580 + node]
         filters = []
@@ -52,9 +53,8 @@ class Watcher:
         """Store the frames received until now."""
         now = time.time()
         stamp = now
-        with suppress(
-            can.CanOperationError
-        ):  # raised once after the interface went down
+        # raised once after the interface went down
+        with suppress(can.CanOperationError):
             while stamp <= now and (message := self._bus.recv(0.0)) is not None:
                 stamp = message.timestamp
                 if not message.is_remote_frame:

@@ -97,9 +97,8 @@ def test_head_and_errors_follow_rail_carriages_and_goal(ros):
     head, rail, error, uncompensated = (table[newest] for table in tables)
     assert head == pytest.approx(compose(rail, HEAD), abs=1e-4)
     assert error.y == pytest.approx(head.y - HEAD.y)
-    assert uncompensated.y == pytest.approx(
-        head.y - HEAD.y, abs=1e-3
-    )  # the carriages are at rest
+    # the carriages are at rest
+    assert uncompensated.y == pytest.approx(head.y - HEAD.y, abs=1e-3)
 
 
 def test_errors_without_subscriber_are_not_computed(ros, monkeypatch):

@@ -12,6 +12,7 @@ from facade_manipulator.kinematics import (
     Pose,
 )
 
+# in the order of docs/paper.md
 MISPRINTS = (
     'v',
     'twice',
@@ -20,7 +21,7 @@ MISPRINTS = (
     'A10',
     'A8',
     'A9',
-)  # in the order of docs/paper.md
+)
 POSES = (Pose(0.1, 0.25, 0.15), Pose(-0.2, 0.15, -0.1))
 
 

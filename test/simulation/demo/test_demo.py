@@ -82,9 +82,8 @@ def test_run_attenuates_and_writes_its_report(start, folder):
         )
         summary = json.loads((folder / 'summary.json').read_text())
         is_late = summary['late_cycles'] > MAX_LATE_SHARE * summary['bus_cycles']
-        if (
-            is_late and process.returncode == 1
-        ):  # a busy computer delays the simulated world
+        # a busy computer delays the simulated world
+        if is_late and process.returncode == 1:
             text = end(process, 1)
             warnings.warn(re.search(TOO_LOW, text)[0], stacklevel=1)
             return text, summary
@@ -93,6 +92,7 @@ def test_run_attenuates_and_writes_its_report(start, folder):
 
     text, summary = patiently(run)
     assert summary['drive_faults'] == summary['rejected_goals'] == 0
+    # there is no wall to touch
     assert {path.name for path in folder.iterdir()} == {
         'notes.txt',
         'scenario.yaml',
@@ -102,7 +102,7 @@ def test_run_attenuates_and_writes_its_report(start, folder):
         'driver.log',
         'gondola_simulator.log',
         'manipulator.log',
-    }  # there is no wall to touch
+    }
     assert (folder / 'linkage.gif').stat().st_size < 2_000_000
     assert 'have confirmed that their power is off' in text
 

@@ -46,9 +46,8 @@ def test_drive_without_an_object_runs_or_is_rejected(tmp_path, index):
 
 def test_drive_without_heartbeat_consumer_ignores_its_master():
     drive, *_ = made('--missing-objects', '0x1016')
-    assert (cob_ids.HEARTBEAT + drive.node_id, bytes(1)) in drive.advance(
-        0.1
-    )  # boot-up
+    # boot-up
+    assert (cob_ids.HEARTBEAT + drive.node_id, bytes(1)) in drive.advance(0.1)
     assert drive.receive(cob_ids.HEARTBEAT + cob_ids.MASTER_NODE_ID, b'\x05', 0.2) == []
     drive.advance(5.0)
     assert drive.errors == []

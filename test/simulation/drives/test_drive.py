@@ -75,6 +75,7 @@ def test_sdo_transfers_have_the_bytes_of_cia_301():
         assert bench.sdo(bytes.fromhex(request)) == bytes.fromhex(answer)
 
 
+# not mappable
 @pytest.mark.parametrize(
     'index, subindex, value, code',
     [
@@ -90,7 +91,7 @@ def test_sdo_transfers_have_the_bytes_of_cia_301():
         (0x1A01, 1, 0x12340020, 0x06040041),
         (0x1A01, 1, 0x60640010, 0x06040041),
     ],
-)  # not mappable
+)
 def test_wrong_value_is_rejected_with_abort_code(index, subindex, value, code):
     bench = Bench().boot()
     bench.write(0x1801, 1, 0xC0000282)  # TPDO2 is disabled and has no count

@@ -40,9 +40,10 @@ def test_carriage_stays_within_speed_and_acceleration_limits():
 # --- supervision
 
 
+# a jump, beyond the software limits
 @pytest.mark.parametrize(
     ('target', 'code'), [(0.2, 0x8611), (-0.51, 0x8A82), (0.51, 0x8A82)]
-)  # a jump, beyond the software limits
+)
 def test_impossible_target_trips_the_drive(target, code):
     bench = enabled()
     bench.target = round(target * CPM)

@@ -42,9 +42,8 @@ def test_stopping_distances_are_measured_and_recorded(make_rig, capsys):
 
 
 def is_weak(drive) -> None:
-    drive.motor.peak_acceleration = (
-        1.3 * drive.motor.counts_per_metre
-    )  # as for a heavy load
+    # as for a heavy load
+    drive.motor.peak_acceleration = 1.3 * drive.motor.counts_per_metre
 
 
 def decelerates(share: float):
