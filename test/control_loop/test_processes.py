@@ -77,7 +77,7 @@ def test_contradictory_setup_is_rejected(start_loop):
         start_loop(axes=(DEFAULT_AXES[0], *DEFAULT_AXES[:2]))
 
 
-def test_sigterm_to_the_loop_ends_it_in_order(start_loop):
+def test_sigterm_ends_the_loop_cleanly(start_loop):
     client = start_loop()
     request(client, 'configure', 'home', 'activate')
     # a terminal's signals concern only the node

@@ -300,7 +300,7 @@ def forge_syncs(rig, period: float, frame=(cob_ids.SYNC, b'')) -> None:
 
 @pytest.mark.parametrize('period', [0.005, 0.01, 0.015, 0.037, 0.1, 0.2])
 @pytest.mark.parametrize('data', [b'', b'\x01'])
-def test_foreign_sync_beside_the_kernel_stops_within_a_second(make_rig, period, data):
+def test_foreign_sync_stops_the_drives_within_a_second(make_rig, period, data):
     rig = make_rig(has_kernel_sync=True)
     at_rest(rig)
     forge_syncs(rig, period, (cob_ids.SYNC, data))

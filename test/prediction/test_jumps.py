@@ -64,7 +64,7 @@ def test_push_of_any_strength_is_not_a_step(seed, acceleration):
     [np.sin(np.pi * np.arange(1, 10) / 10.0), np.arange(1, 10) / 9.0],
     ids=['sine', 'ramp'],
 )
-def test_error_beyond_any_push_is_wrong_in_any_shape(shape, seed, size, sign):
+def test_error_larger_than_any_push_is_detected(shape, seed, size, sign):
     found = Detected(seed).add(sign * size * DEVIATION * shape, is_followed=False)
     assert all(found.is_wrong[4:])
 

@@ -84,7 +84,7 @@ def test_table_shows_stops_with_the_heaviest_load():
     assert [row.left_by_ss1_t for row in rows] == pytest.approx(left)
 
 
-def test_carriages_at_rest_leave_the_gap_less_their_length():
+def test_remaining_distance_at_rest_is_gap_minus_length():
     found = analysis(gap=0.02, length=0.005)
     assert found.remaining(0.0, INPUT_SPREAD, 1.0) == pytest.approx(0.015)
 
