@@ -236,7 +236,11 @@ class CanBus:
             self._bus.shutdown()
 
     def _note_error(self, error_class: int, bits: int) -> None:
-        """Record the controller state in an error frame; raise a BusError for bus-off."""
+        """
+        Record the state of the CAN controller that an error frame reports.
+
+        Raises a BusError for bus-off.
+        """
         noted = self.statistics
         noted.error_frames += 1
         if error_class & self._BUS_OFF:

@@ -242,7 +242,7 @@ class NormalForce:
         return not (self.law.offset or self.law.tracked or self.absorbed)
 
     def begin(self, offset: float) -> None:
-        """Begin with the head at an offset [m], before the path to a goal."""
+        """Start with the head at an offset [m] from its goal, before the path begins."""
         self.law.begin(offset)
         self.law.tracked = 0.0
         self.absorbed = 0.0

@@ -240,7 +240,7 @@ class ControlLoop:
         self._fed = self._clock.monotonic()
 
     def _add_setpoint(self, stamp: float, *motion: Any) -> None:
-        """Add a setpoint; convert its stamp [s] from the system clock, which may have been set."""
+        """Add a setpoint; convert its stamp [s] from the system clock to the monotonic clock."""
         time = self._steady_time.from_stamp(stamp)
         try:
             self.follower.add(Setpoint(time, *motion), self._clock.monotonic())

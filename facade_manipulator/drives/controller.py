@@ -69,7 +69,7 @@ class DriveController:
 
     The controller owns the axes q1, q2, q3 with their group and targets, the bus, and the request
     in progress. Axes, group and targets are replaced after each closing of the bus. `request`,
-    `stop` and `forbid_power` act before they return. The owner ends with the request `close`.
+    `stop` and `forbid_power` act before they return. The owner ends the controller with `close`.
     Without this request, the drives stop because the master's heartbeat is missing. Raises a
     ParameterError if settings contradict each other or a drive profile is missing.
 

@@ -52,12 +52,14 @@ def least_distance(
     Return the minimum distance of neighbouring carriages that brake independently [m].
 
     Two neighbours always keep the distance from which all three carriages can brake together with
-    `gap` left at rest. Braking together, a carriage that moves away from its neighbour first
-    reduces its acceleration at the limit of jerk, which adds a²/2j to its speed. Braking
-    independently, it does not. The left carriage brakes at once, the right carriage after the
-    delay; the mirrored case has the same minimum. The search covers all speeds and takes the
-    distance at rest. A pair that is nearest earlier, while both have a speed w, loses as much
-    distance as a pair that is slower by w loses until rest.
+    `gap` left at rest. When all brake together, a carriage that moves away from its neighbour
+    first reduces its acceleration at the limit of jerk. This adds a²/2j to its speed. A carriage
+    that brakes independently does not do so.
+
+    The left carriage brakes at once, the right carriage after the delay. The mirrored case has the
+    same minimum. The search covers all speeds and takes the distance at rest. A pair that is
+    nearest earlier, while both have a speed w, loses as much distance as a pair that is slower by
+    w loses until rest.
 
     A carriage near its speed limit that already brakes, beside a carriage that accelerates away,
     may come nearer by up to 2.6 mm at the default limits. The reason is that a carriage that
