@@ -69,8 +69,10 @@ def plan_trajectory(
             with suppress(ruckig.RuckigError):
                 if PLANNER.calculate(plan, trajectory) == ruckig.Result.Working:
                     return trajectory
-    end = 'rest' if goal is None else goal
-    raise ManipulatorError(f'no jerk-limited path from {start[0]} to {end}')
+    end = 'rest' if goal is None else f'{goal} m'
+    raise ManipulatorError(
+        f'no jerk-limited path from {start[0]} m to {end}; next: choose another goal'
+    )
 
 
 ACCELERATION_ROUNDING = 1e-9  # relative tolerance of an acceleration at its limit

@@ -84,7 +84,7 @@ def test_goal_without_straight_path_gets_a_curved_path(monkeypatch):
 
 
 def test_negative_speed_limit_has_no_path():
-    message = r'no jerk-limited path from .* to \[0.1, 0.1, 0.1\]$'
+    message = r'no jerk-limited path from .* m to \[0.1, 0.1, 0.1\] m; next: '
     with pytest.raises(ManipulatorError, match=message):
         negative = [-1.0, -1.0, -1.0]
         plan_trajectory([ZERO] * 3, [0.1] * 3, negative, *LIMITS[1:])

@@ -210,6 +210,7 @@ class Context:
             if state is None or state in POWERED_STATES:
                 shown = state.value if state else 'an unknown statusword'
                 raise CommissioningError(
-                    f'{name} rejected: its drive has power ({shown}); next: switch it off'
+                    f'{name} rejected: its drive has power ({shown}); next: end the program '
+                    'that commands the drive'
                 )
             yield bus, drive
