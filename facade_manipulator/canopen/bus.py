@@ -80,7 +80,8 @@ def open_bus(settings: BusSettings) -> can.BusABC:
         NotImplementedError,
     ) as error:
         raise BusError(
-            f'{settings.interface} {settings.channel} cannot be opened: {error}'
+            f'{settings.interface} {settings.channel} cannot be opened: {error}; '
+            'next: check bus.interface, bus.channel and the adapter'
         ) from error
 
 

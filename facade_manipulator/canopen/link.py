@@ -41,7 +41,10 @@ class BusSettings:
         """Return why the bus cannot be opened yet, for example during start-up; else ``''``."""
         if self.interface != 'socketcan' or is_up(self.channel):
             return ''
-        return f'the CAN interface {self.channel} is missing or down'
+        return (
+            f'the CAN interface {self.channel} is missing or down; next: connect the '
+            f'adapter, and sudo ip link set {self.channel} up'
+        )
 
 
 @dataclass

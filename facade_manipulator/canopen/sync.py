@@ -52,4 +52,6 @@ class SyncProducer:
         present = yield from objects.read_optional(indices.COB_ID_SYNC, 0)
         if (present or 0) & PRODUCER:
             raise DriveObjectError(f'{found} and keeps this setting; next: {remedy}')
-        return [f'{found} until configure ends it, after each reset; next: {remedy}']
+        return [
+            f'{found} after each reset, until configure disables it; next: {remedy}'
+        ]

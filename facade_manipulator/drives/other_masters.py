@@ -112,6 +112,6 @@ class OtherMasters:
 def _in_use_error(name: str) -> BusError:
     """Return the error for a bus on which another master has sent a frame."""
     return BusError(
-        f'another master uses this bus: {name} was received; end that master (a second '
-        'driver, a configuration tool), or open another bus'
+        f'another master uses this bus: {name} was received; next: end that master (a '
+        'second driver, a configuration tool), or open another bus'
     )

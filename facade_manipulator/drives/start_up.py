@@ -90,9 +90,9 @@ def prepare(controller: DriveController, exchange: CyclicExchange) -> Steps[list
         boot_ups = axis.node.boot_ups
         if boot_ups > 1:
             raise DriveError(
-                f'{axis.title} sent {boot_ups} boot-up messages after one reset: more '
-                'than one drive has this node id (commission scan names them), or its supply '
-                'fails'
+                f'{axis.title} sent {boot_ups} boot-up messages after one reset: '
+                'another drive has the same node id, or the supply of the drive fails; next: '
+                'run commission scan, and check the supply'
             ) from failure
     if failure is not None:
         raise failure
