@@ -142,7 +142,7 @@ def test_unknown_axes_of_a_pose_fix_are_ignored(ros):
     assert (pose.x, pose.theta) == pytest.approx((0.05, 0.02), abs=5e-3)
     assert estimate.pose.covariance[7] > 0.5
     sensors.until_status('motion', 'y is unknown', 'error')
-    sensors.until_status('sensor fix_pose.y', 'that was not measured', 'warn')
+    sensors.until_status('sensor fix_pose.y', 'was not measured', 'warn')
 
 
 @pytest.mark.parametrize(
