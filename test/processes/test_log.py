@@ -3,7 +3,6 @@
 from pathlib import Path
 import re
 
-from lifecycle_msgs.srv import GetState
 import pytest
 
 LINE = re.compile(
@@ -12,7 +11,7 @@ LINE = re.compile(
 
 
 @pytest.fixture
-def log_of(ros, start_process):
+def log_of(client, start_process):
     """Return the lines of the control loop of a driver that was started with a level."""
 
     def lines(level: str) -> list[str]:
@@ -23,13 +22,9 @@ def log_of(ros, start_process):
             level,
             *('-p', 'simulate_drives:=true', '-p', 'configure_at_start:=true'),
         )
-        operator = ros.node('operator')
-
-        def is_configured():
-            reply = ros.call(operator, GetState, 'driver/get_state')
-            return reply.current_state.label == 'inactive'
-
-        ros.until(is_configured, 'the configuration')
+        client.wait_until(
+            lambda: client.status.state == 'inactive', 'the configuration'
+        )
         text = Path(process.log).read_text()
         return [line for line in text.splitlines() if 'control loop]' in line]
 
