@@ -378,18 +378,35 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             f'service {service.name}',
             next_step=self.START_NODES,
         )
-        end = time.monotonic() + self.answer_timeout
-        while time.monotonic() < end:
+
+        def send() -> None:
             if is_harmless or not requests:
                 requests.append(client.call_async(service.type.Request(**fields)))
+
+        send()
+        what = f'the answer of {service.name}'
+        return self._wait_repeating(response, what, send, self.SAME_USER)
+
+    def _wait_repeating(
+        self, condition: Callback, what: str, repeat: Callback, next_step: str
+    ) -> Any:
+        """
+        Wait like `wait_until`, and call a function every `repeat_after`.
+
+        Raises a NoAnswerError after `answer_timeout` while the driver executes no request.
+        """
+        end = time.monotonic() + self.answer_timeout
+        while True:
             with suppress(NoAnswerError):
-                return self.wait_until(response, service.name, self.repeat_after)
+                return self.wait_until(condition, what, self.repeat_after)
             if self._driver_values().get('state') in self.WORKING:
                 end = time.monotonic() + self.answer_timeout
-        raise NoAnswerError(
-            f'timed out after {self.answer_timeout:g} s waiting for the answer of '
-            f'{service.name}; next: {self.SAME_USER}'
-        )
+            if time.monotonic() >= end:
+                raise NoAnswerError(
+                    f'timed out after {self.answer_timeout:g} s waiting for {what}; '
+                    f'next: {next_step}'
+                )
+            repeat()
 
     def _trigger(self, service: topics.Service) -> str:
         """
@@ -435,14 +452,12 @@ class ManipulatorClient(AbstractContextManager['ManipulatorClient']):
             )
             return None if received < begin or is_older else values
 
-        end = begin + self.answer_timeout
-        while time.monotonic() < end:
-            with suppress(NoAnswerError):
-                return self.wait_until(present, 'driver/status', self.repeat_after)
+        def update_label() -> None:
+            nonlocal label
             label = self.driver_state()
-        raise NoAnswerError(
-            f'timed out after {self.answer_timeout:g} s waiting for driver/status; '
-            f'next: {self.CHECK_DRIVER}'
+
+        return self._wait_repeating(
+            present, 'driver/status', update_label, self.CHECK_DRIVER
         )
 
     def _driver_values(self) -> dict[str, str]:
