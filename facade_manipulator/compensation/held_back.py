@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from facade_manipulator.kinematics import Pose
 
 
@@ -16,9 +14,8 @@ class HeldBack:
     OFF_PATH = 'the head does not follow its path; next: check /diagnostics'
 
     def __init__(self) -> None:
+        # newest time of each cause and axis [s]; the head off its path has no axis
         self._noted: dict[tuple[str, str], float] = {}
-        # time at which the head was last found off its path [s]
-        self._off_path_at = -math.inf
 
     def note(self, now: float, *errors: Pose) -> None:
         """Record which axes are held back, from the axis errors for each entry of `HOLDS`."""
@@ -29,7 +26,7 @@ class HeldBack:
 
     def note_off_path(self, now: float) -> None:
         """Record that the head has not followed its path, for example after rejected setpoints."""
-        self._off_path_at = now
+        self._noted[self.OFF_PATH, ''] = now
 
     def message(self, now: float) -> str:
         """Return a message with the held axes and their causes; empty if the head is not held."""
@@ -43,6 +40,6 @@ class HeldBack:
             axes = [axis for axis in Pose._fields if (limit, axis) in self._noted]
             if axes:
                 texts.append(f'held back in {", ".join(axes)} {limit}')
-        if 0.0 <= now - self._off_path_at < self.SHOWN_FOR:
+        if (self.OFF_PATH, '') in self._noted:
             texts.append(self.OFF_PATH)
         return '; '.join(texts)
