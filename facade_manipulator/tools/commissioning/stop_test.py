@@ -92,7 +92,7 @@ def run_stop_test(context: Context) -> None:
         ) as motion:
             track = _stopped(motion, direction * speed, way)
             bounds = _bounds(motion, track, way)
-        known = len(problems)
+        found: list[str] = []  # problems of this stop
         lag = motion.controller.settings.drive_lag
         for number, axis in enumerate(motion.controller.axes):
             name = AXIS_NAMES[number]
@@ -100,7 +100,7 @@ def run_stop_test(context: Context) -> None:
             bound = f'{MM * bounds[number]:.1f} mm'
             shown = f'{name}: {way}, {MM * distance:.1f} of {bound}'
             if distance > bounds[number]:
-                problems.append(
+                found.append(
                     f'{name}: {way} stops the carriage after {MM * distance:.1f} mm, above the '
                     f'limit {bound}; next: {REMEDIES[way]}'
                 )
@@ -108,14 +108,14 @@ def run_stop_test(context: Context) -> None:
             if way == SILENT_MASTER:
                 print(shown)
                 timeout = motion.controller.settings.heartbeat_timeout
-                problems += _obedience(name, track.statuswords[number], timeout)
+                found += _obedience(name, track.statuswords[number], timeout)
                 continue
             measured = fit_deceleration(
                 track.times, track.positions[:, number], _STEADY, lag
             )
             print(f'{shown}, deceleration {measured}')
             if way == QUICK_STOP:
-                problems += _weakness(name, measured, axis.settings.stop_deceleration)
+                found += _weakness(name, measured, axis.settings.stop_deceleration)
             else:
                 # `stopping` subtracts SCATTER, so that it assumes at most the minimum
                 highest = measured.least / (1.0 - SCATTER)
@@ -127,10 +127,11 @@ def run_stop_test(context: Context) -> None:
                 'answer, so that the figures are uncertain; next: end other programs, and repeat '
                 'commission stop-test'
             )
-            if len(problems) > known:
-                problems.insert(known, note)  # the first remedy
+            if found:
+                found.insert(0, note)  # the first remedy
             else:
                 print(note)
+        problems += found
     files = ' '.join(map(str, context.files))
     print(f'next: stopping {files} --coasting {max(coasting, _LEAST_COASTING):.2f}')
     context.record('stop-test', {}, problems)
@@ -191,7 +192,8 @@ def _stopped(motion: Motion, speed: float, way: str) -> Track:
     for _ in range(_STEADY):
         record(next(cycles))
     counts = motion.cycles
-    late, incomplete = counts.late, counts.incomplete
+    late = counts.late
+    incomplete = counts.incomplete
     statuswords = _stop(motion, way)
     record(motion.turn())
     end = motion.controller.clock.monotonic() + _LONGEST
