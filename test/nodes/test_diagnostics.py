@@ -10,12 +10,17 @@ from facade_manipulator.nodes.diagnostics import diagnostic_status, Diagnostics
 STALE = InputError('stale', 'setpoint is 0.300 s old, above the limit 0.2 s')
 
 
-def test_rejections_are_counted_and_logged_by_reason(ros, monkeypatch, capfd):
-    now = [100.0]
-    monkeypatch.setattr(diagnostics.time, 'monotonic', lambda: now[0])
-    counters = diagnostics_of(ros.node())
+def two_log_periods(monkeypatch):
+    """Yield twenty numbers, while the clock advances by two periods of the log."""
     for step in range(20):
-        now[0] = 100.0 + step * diagnostics.LOG_PERIOD / 10.0
+        now = 100.0 + step * diagnostics.LOG_PERIOD / 10.0
+        monkeypatch.setattr(diagnostics.time, 'monotonic', lambda now=now: now)
+        yield step
+
+
+def test_rejections_are_counted_and_logged_by_reason(ros, monkeypatch, capfd):
+    counters = diagnostics_of(ros.node())
+    for _ in two_log_periods(monkeypatch):
         counters.reject(
             InputError('frame', "in frame 'map', expected 'facade'"), 'goal_pose'
         )
@@ -34,11 +39,8 @@ def test_rejections_are_counted_and_logged_by_reason(ros, monkeypatch, capfd):
 
 
 def test_repeated_warning_is_logged_once_per_period(ros, monkeypatch, capfd):
-    now = [100.0]
-    monkeypatch.setattr(diagnostics.time, 'monotonic', lambda: now[0])
     counters = diagnostics_of(ros.node())
-    for step in range(20):
-        now[0] = 100.0 + step * diagnostics.LOG_PERIOD / 10.0
+    for step in two_log_periods(monkeypatch):
         counters.warn('goal', f'goal held back {step}')
     log = capfd.readouterr().err
     assert log.count('goal held back') == 2
