@@ -82,7 +82,7 @@ class Learning:
         self._turns = zip(
             cycle((near, near, near, far)), cycle(range(axes)), strict=False
         )
-        self.tones = Tones(axes)
+        self.tones = Tones(axes, HORIZONS)
         self._next = stamp + self.LEARNING_PERIOD  # s, when learning is due
         self._peak = np.zeros(axes)  # of the squared acceleration
         # peak learnt so far

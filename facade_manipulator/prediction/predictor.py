@@ -232,7 +232,7 @@ class DisturbancePredictor:
         continued = level[:, None] + moves
         bound = 1.0 + (self.LARGEST_STEP - 1.0) * learning.trust
         bound = np.sqrt(noise)[:, None] * bound
-        tones = learning.tones.at(self.stamp, HORIZONS)
+        tones = learning.tones.at(self.stamp)
         step = _clipped(tones - continued, bound)
         forecast = continued + learning.trust * step
 

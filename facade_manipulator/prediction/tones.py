@@ -17,7 +17,6 @@ https://doi.org/10.1002/j.1538-7305.1976.tb02941.x.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +31,8 @@ class Tones:
     Parameters
     ----------
     axes : int
+    ahead : numpy.ndarray, shape (times,)
+        Times after a stamp [s] for which `at` computes positions.
 
     Attributes
     ----------
@@ -48,10 +49,11 @@ class Tones:
     BLOCKS = 400  # maximum number in the window of the fit
     SHORTEST_WINDOW = 3.0  # s, minimum length of the window
 
-    def __init__(self, axes: int) -> None:
+    def __init__(self, axes: int, ahead: np.ndarray) -> None:
         self.noise_gain = np.full(axes, 5.0 / self.SHORTEST_WINDOW)
-        self._first = math.inf  # stamp of the first estimate in the present block [s]
-        self._sum = np.zeros(axes + 2)  # of stamps, values and ones in this block
+        self._ahead = ahead
+        # stamp and values of each estimate in the present block
+        self._block: list[tuple[float, ...]] = []
         # mean stamp, mean values, number of estimates
         self._blocks = np.zeros((0, axes + 2))
         # the last fits: the phases of the amplitudes are those at the stamps
@@ -59,23 +61,22 @@ class Tones:
         self._constants = np.zeros(axes)
         self._frequencies = np.zeros((axes, MOST_TONES))
         self._amplitudes = np.zeros((axes, MOST_TONES), complex)
+        # the same amplitudes with the phases after each of the times ahead
+        self._amplitudes_ahead = np.zeros((axes, MOST_TONES, len(ahead)), complex)
 
     def add(self, stamp: float, values: np.ndarray) -> None:
         """Add a decided position of each axis [m or rad]; stamps [s] must ascend."""
-        if stamp - self._first > self.BLOCK:
-            number = self._sum[-1]
-            mean = np.append(self._sum[:-1] / number, number)
+        if self._block and stamp - self._block[0][0] > self.BLOCK:
+            mean = np.append(np.mean(self._block, axis=0), len(self._block))
             self._blocks = np.vstack((self._blocks[1 - self.BLOCKS :], mean))
-            self._first = math.inf
-            self._sum = 0.0 * self._sum
-        self._first = min(self._first, stamp)
-        self._sum += (stamp, *values.tolist(), 1.0)
+            self._block = []
+        self._block.append((stamp, *values.tolist()))
 
-    def at(self, stamp: float, ahead: np.ndarray) -> np.ndarray:
-        """Return positions at times [s] after a stamp [s], shape (axes, times) [m or rad]."""
-        times = (stamp - self._stamps)[:, None] + ahead
-        waves = np.exp(1j * times[..., None] * self._frequencies[:, None])
-        sums = (waves @ self._amplitudes[..., None])[..., 0]
+    def at(self, stamp: float) -> np.ndarray:
+        """Return positions at the times ahead of a stamp [s], shape (axes, times) [m or rad]."""
+        phases = (stamp - self._stamps)[:, None] * self._frequencies
+        turns = np.exp(1j * phases)
+        sums = (turns[:, None] @ self._amplitudes_ahead)[:, 0]
         return self._constants[:, None] + sums.real
 
     def fit(self, axis: int, variance: float) -> None:
@@ -106,6 +107,9 @@ class Tones:
         self._frequencies[axis, :count] = frequencies
         self._amplitudes[axis] = 0.0
         self._amplitudes[axis, :count] = amplitudes
+        turns_ahead = np.exp(1j * frequencies[:, None] * self._ahead)
+        self._amplitudes_ahead[axis] = 0.0
+        self._amplitudes_ahead[axis, :count] = amplitudes[:, None] * turns_ahead
         self.noise_gain[axis] = 5.0 * (count + 1) / span
 
 
@@ -144,18 +148,19 @@ class _Window(NamedTuple):
         if len(frequencies) < MOST_TONES:
             new = self._strongest(residual)
             if len(new):
-                wave = residual @ self._waves(-new)
+                cosines, sines = self._waves(new)
+                amplitude = (cosines - 1j * sines) @ residual * (2.0 / len(residual))
                 frequencies = np.append(frequencies, new)
-                amplitudes = np.append(amplitudes, 2.0 / len(residual) * wave)
+                amplitudes = np.append(amplitudes, amplitude)
         return frequencies, amplitudes, constant
 
-    def _waves(self, frequencies: np.ndarray) -> np.ndarray:
-        """Return exp(iω t) averaged over each block of time, shape (times, frequencies)."""
-        phases = self.times[:, None] * frequencies
-        waves = np.cos(phases) + 1j * np.sin(phases)  # faster than exp()
+    def _waves(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return cos ωt and sin ωt averaged over each block, each of shape (tones, times)."""
+        phases = frequencies[:, None] * self.times
         # The mean of evenly spaced estimates reduces each sine's amplitude.
-        half = 0.5 * self.block * frequencies
-        return waves * (np.sin(half) / (self.size * np.sin(half / self.size)))
+        half = 0.5 * self.block * frequencies[:, None]
+        gain = np.sin(half) / (self.size * np.sin(half / self.size))
+        return gain * np.cos(phases), gain * np.sin(phases)
 
     def _solve(
         self, frequencies: np.ndarray, amplitudes: np.ndarray | None = None
@@ -165,23 +170,24 @@ class _Window(NamedTuple):
 
         Without given amplitudes the frequencies do not change.
         """
-        waves = self._waves(frequencies)
+        cosines, sines = self._waves(frequencies)
         count = len(frequencies)
 
-        # columns of the constant, of the real and imaginary amplitudes, and of the changes
-        columns = [np.ones((len(waves), 1)), waves.real, -waves.imag]
+        # rows of the constant, of the real and imaginary amplitudes, and of the changes
+        rows = [np.ones((1, len(self.times))), cosines, -sines]
         if amplitudes is not None:
-            slopes = 1j * self.times[:, None] * waves * amplitudes
-            columns.append(slopes.real)
-        matrix = np.hstack(columns)
-        ridge = np.full(matrix.shape[1], self.noise / (self.variance + self.noise))
+            # derivative of Re A exp(iωt) with respect to ω: −t (Re A sin ωt + Im A cos ωt)
+            slopes = amplitudes.real[:, None] * sines + amplitudes.imag[:, None] * cosines
+            rows.append(-self.times * slopes)
+        matrix = np.vstack(rows)
+        ridge = np.full(len(matrix), self.noise / (self.variance + self.noise))
         ridge[0] = 0.0
         ridge[2 * count + 1 :] = self.noise * (self.times[0] / MAX_TURN) ** 2
 
-        square = matrix.T @ matrix + np.diag(ridge)
-        found = np.linalg.solve(square, matrix.T @ self.values)
+        square = matrix @ matrix.T + np.diag(ridge)
+        found = np.linalg.solve(square, matrix @ self.values)
         real, imaginary = found[1 : 2 * count + 1].reshape(2, count)
-        residual = self.values - matrix @ found
+        residual = self.values - found @ matrix
         return found[0], real + 1j * imaginary, found[2 * count + 1 :], residual
 
     def _distinct(self, frequencies: np.ndarray, power: np.ndarray) -> np.ndarray:

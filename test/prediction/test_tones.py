@@ -16,7 +16,7 @@ NOISE = 1e-3
 def fitted(motion, seconds, noise=NOISE, seed=0, stamps=None):
     """Return tones of one axis, fitted twice a second, and the last stamp."""
     random = np.random.default_rng(seed)
-    tones = Tones(1)
+    tones = Tones(1, AHEAD)
     stamps = np.arange(0.0, seconds, 0.02) if stamps is None else stamps
     for k, stamp in enumerate(stamps):
         tones.add(stamp, motion(stamp) + noise * random.standard_normal(1))
@@ -47,7 +47,7 @@ def test_tones_are_found_within_twice_the_bound(motion, count):
     errors = []
     for seed in range(5):
         tones, stamp = fitted(motion, 50.0, seed=seed)
-        errors.append(tones.at(stamp, AHEAD)[0] - motion(stamp + AHEAD))
+        errors.append(tones.at(stamp)[0] - motion(stamp + AHEAD))
     bound = NOISE * math.sqrt(5.0 * count * 0.02 / 50.0)
     assert np.sqrt(np.square(errors).mean()) < 2.0 * bound
 
@@ -55,9 +55,9 @@ def test_tones_are_found_within_twice_the_bound(motion, count):
 def test_repeated_fit_without_new_estimates_changes_nothing():
     tones, stamp = fitted(TWO, 10.0)
     tones.fit(0, NOISE**2)
-    before = tones.at(stamp, AHEAD)[0].tolist()
+    before = tones.at(stamp)[0].tolist()
     tones.fit(0, NOISE**2)
-    assert tones.at(stamp, AHEAD)[0].tolist() == before
+    assert tones.at(stamp)[0].tolist() == before
 
 
 @pytest.mark.parametrize('rate', [20.0, 200.0])
@@ -66,7 +66,7 @@ def test_mean_of_estimates_does_not_reduce_an_amplitude(rate, frequency):
     motion = sum_of((0.1, frequency))
     stamps = np.arange(0.0, 30.0, 1.0 / rate)
     tones, stamp = fitted(motion, 30.0, 1e-6, stamps=stamps)
-    (found,) = tones.at(stamp, AHEAD)
+    (found,) = tones.at(stamp)
     assert found == pytest.approx(motion(stamp + AHEAD), abs=2e-5)
 
 
@@ -75,7 +75,7 @@ def test_tones_are_found_despite_jitter_and_gaps(gap):
     stamps = np.cumsum(np.random.default_rng(1).uniform(0.01, 0.03, 2000))
     stamps[1500:] += gap
     tones, stamp = fitted(TWO, 0.0, stamps=stamps)
-    (found,) = tones.at(stamp, AHEAD)
+    (found,) = tones.at(stamp)
     assert found == pytest.approx(TWO(stamp + AHEAD), abs=0.3 * NOISE)
 
 
@@ -90,11 +90,11 @@ def test_tones_are_found_despite_jitter_and_gaps(gap):
 def test_constant_window_has_no_tones(motion, seconds):
     tones, stamp = fitted(motion, seconds)
     constant = np.full((1, 3), 0.3)
-    assert tones.at(stamp, AHEAD) == pytest.approx(constant, abs=0.2 * NOISE)
+    assert tones.at(stamp) == pytest.approx(constant, abs=0.2 * NOISE)
 
 
 def test_random_motion_gives_few_finite_tones():
     random = np.random.default_rng(0)
     tones, stamp = fitted(lambda time: random.uniform(-0.5, 0.5), 20.0)
-    assert np.isfinite(tones.at(stamp, AHEAD)).all()
+    assert np.isfinite(tones.at(stamp)).all()
     assert np.count_nonzero(tones._amplitudes) <= MOST_TONES
