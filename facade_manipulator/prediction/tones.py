@@ -177,7 +177,8 @@ class _Window(NamedTuple):
         rows = [np.ones((1, len(self.times))), cosines, -sines]
         if amplitudes is not None:
             # derivative of Re A exp(iωt) with respect to ω: −t (Re A sin ωt + Im A cos ωt)
-            slopes = amplitudes.real[:, None] * sines + amplitudes.imag[:, None] * cosines
+            slopes = amplitudes[:, None].real * sines
+            slopes += amplitudes[:, None].imag * cosines
             rows.append(-self.times * slopes)
         matrix = np.vstack(rows)
         ridge = np.full(len(matrix), self.noise / (self.variance + self.noise))
