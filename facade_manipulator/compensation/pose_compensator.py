@@ -50,7 +50,7 @@ class CompensationSettings:
     TRANSPORT = 0.01  # s, from a corrected pose to the cycle that uses its setpoint
 
     rate: float = parameter(
-        'Rate of corrected poses',
+        'Rate of corrected poses, at least 2 / stream.stale_after',
         default=100.0,
         unit='Hz',
         minimum=10.0,

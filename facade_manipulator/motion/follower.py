@@ -15,7 +15,12 @@ import enum
 import math
 from typing import NamedTuple
 
-from facade_manipulator.errors import InputError, ManipulatorError, require_recent
+from facade_manipulator.errors import (
+    InputError,
+    ManipulatorError,
+    ParameterError,
+    require_recent,
+)
 from facade_manipulator.kinematics.geometry import PerCarriage
 from facade_manipulator.motion.limits import (
     CarriageMotion,
@@ -31,7 +36,7 @@ from facade_manipulator.motion.setpoints import (
     Setpoint,
 )
 from facade_manipulator.motion.timed_buffer import TimedBuffer
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.parameters import number_text, parameter, settings
 
 OLDEST_SETPOINT = 0.2  # s, maximum age of a setpoint; an older setpoint is useless
 
@@ -41,7 +46,7 @@ class StreamSettings:
     """Limits for the age and the distance of setpoints."""
 
     stale_after: float = parameter(
-        'Silence after which the carriages brake and hold',
+        'Silence after which the carriages brake and hold, at least two periods of both rates',
         default=0.1,
         unit='s',
         minimum=0.01,
@@ -54,6 +59,23 @@ class StreamSettings:
         minimum=0.001,
         maximum=0.5,
     )
+
+    def require_rate(self, name: str, rate: float) -> None:
+        """
+        Raise a ParameterError if a rate [Hz] has a period of more than half of `stale_after`.
+
+        If the lead time is short, one lost setpoint of such a stream brakes the carriages. A cycle
+        with such a period asks for positions too far ahead of the newest setpoint.
+        """
+        lowest = 2.0 / self.stale_after
+        if rate >= lowest:
+            return
+        stale_after = math.ceil(2000.0 / rate) / 1000.0
+        raise ParameterError(
+            f'{name} = {number_text(rate)} Hz is below 2 / stream.stale_after = '
+            f'{number_text(lowest)} Hz; next: set at least {math.ceil(lowest)} Hz, or '
+            f'stream.stale_after to at least {number_text(stale_after)} s'
+        )
 
 
 class Activity(enum.Enum):

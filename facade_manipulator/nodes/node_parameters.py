@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 
 from facade_manipulator import parameters
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.motion.follower import StreamSettings
 from facade_manipulator.nodes.node_settings import OF_ROS, parameter_names
 from facade_manipulator.nodes.workarounds import given_parameters
 from facade_manipulator.parameters import (
@@ -185,6 +186,7 @@ def reject_unknown_parameters(
                 raise ParameterError(message)
     _require_effect(nodes, arguments)
     _require_equal_values(nodes)
+    _require_fast_stream(nodes, files)
 
 
 def _names_for_all(sections: Mapping[str, Mapping[str, Any]]) -> set[str]:
@@ -254,6 +256,36 @@ def _require_equal_values(nodes: Sequence[Node]) -> None:
                     f'{name} rejected: {first} of {owner} differs from {value} of '
                     f'{node.get_name()}; next: set it in section /** for all nodes'
                 )
+
+
+def _require_fast_stream(nodes: Sequence[Node], files: Sequence[Path]) -> None:
+    """
+    Raise a ParameterError if the compensator is too slow for `stream.stale_after` of the driver.
+
+    Either process checks this if its files contain the value of the other process.
+    """
+    if not {'compensator', 'driver'} & {node.get_name() for node in nodes}:
+        return
+    rate = _known_value('compensator', 'rate', nodes, files)
+    stale_after = _known_value('driver', 'stream.stale_after', nodes, files)
+    if rate is not None and stale_after is not None:
+        stream = StreamSettings(stale_after=stale_after)
+        stream.require_rate('rate of compensator', rate)
+
+
+def _known_value(
+    owner: str, name: str, nodes: Sequence[Node], files: Sequence[Path]
+) -> Any:
+    """Return a parameter of a node in this process or of files; None if neither contains it."""
+    for node in nodes:
+        if node.get_name() == owner:
+            return plain(node.get_parameter_or(name))
+    try:
+        values = parameters.read_parameters(files, owner)
+        parameter_names(owner, values)
+    except ParameterError:  # the process of that node reports it
+        return None
+    return values.get(name)
 
 
 def _require_namespace(nodes: Sequence[Node], sections: Collection[str]) -> None:

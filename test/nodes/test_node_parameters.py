@@ -157,6 +157,42 @@ def test_two_values_of_one_parameter_are_rejected(ros, arguments):
     )
 
 
+STALE = DRIVER % 'stream.stale_after: 0.1'
+
+
+@pytest.mark.parametrize(
+    'node, rate, section, message',
+    [
+        ('compensator', 20.0, STALE, ''),
+        (
+            'compensator',
+            12.5,
+            STALE,
+            'rate of compensator = 12.5 Hz is below 2 / stream.stale_after = 20 Hz; next: set '
+            'at least 20 Hz, or stream.stale_after to at least 0.16 s',
+        ),
+        ('driver', 12.5, STALE, 'rate of compensator = 12.5 Hz is below'),
+        # a process with neither of both nodes, a value that is not known, and a wrong value that
+        # the process of the compensator reports
+        ('ik_service', 12.5, STALE, ''),
+        ('compensator', 12.5, '', ''),
+        ('driver', 1.0, STALE, ''),
+    ],
+)
+def test_compensator_slower_than_the_stale_stream_is_rejected(
+    ros, arguments, node, rate, section, message
+):
+    args = arguments(
+        f'/**/compensator: {{ros__parameters: {{rate: {rate}}}}}\n{section}'
+    )
+    nodes = [ros.add(NODES[node](cli_args=args))]
+    if not message:
+        reject_unknown_parameters(nodes, args)
+        return
+    with pytest.raises(ParameterError, match=re.escape(message)):
+        reject_unknown_parameters(nodes, args)
+
+
 def test_two_values_of_a_parameter_of_ros_are_accepted(ros, arguments):
     """Each node publishes its own type descriptions, for which the others do not matter."""
     service = 'start_type_description_service'
