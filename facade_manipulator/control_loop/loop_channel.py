@@ -74,12 +74,15 @@ class LoopSetup:
     def read(cls, source: ParameterSource) -> LoopSetup:
         """Read the parameters of the control loop."""
         geometry = source.read(Geometry, 'geometry')
+        controller = source.read(ControllerSettings, 'controller')
+        stream = source.read(StreamSettings, 'stream')
+        stream.require_rate('controller.rate', controller.rate)
         return cls(
             geometry=geometry,
-            controller=source.read(ControllerSettings, 'controller'),
+            controller=controller,
             axes=read_axes(source.read, geometry.stroke),
             bus=source.read(BusSettings, 'bus'),
-            stream=source.read(StreamSettings, 'stream'),
+            stream=stream,
             limits=source.read(MotionLimits, 'limits'),
         )
 

@@ -14,7 +14,7 @@ class ControllerSettings:
     """Settings of the cycle, its supervision and its time-outs."""
 
     rate: int = parameter(
-        'Cycles per second; the period is a whole number of milliseconds',
+        'Cycles per second, at least 2 / stream.stale_after; the period is a whole number of ms',
         default=100,
         unit='Hz',
         minimum=10,
