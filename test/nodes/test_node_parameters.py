@@ -252,6 +252,12 @@ def test_shipped_parameter_file_starts_every_node(ros, name):
         ('driver', 'controller.rate:=300', 'controller.rate = 300 Hz'),
         (
             'driver',
+            'controller.rate:=10',
+            'controller.rate = 10 Hz is below 2 / stream.stale_after = 20 Hz; next: set at least '
+            '20 Hz, or stream.stale_after to at least 0.2 s',
+        ),
+        (
+            'driver',
             'axes.max_speed:=0.3',
             'limits.speed = 0.5 m/s is above axes.max_speed',
         ),
