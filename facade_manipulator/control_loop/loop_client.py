@@ -93,6 +93,14 @@ class LoopClient:
         ControllerState.UNCONFIGURED: 600,
         ControllerState.BUS_LOST: 600,
     }
+    # states in which the loop may open or close an interface, and read nothing for seconds
+    MAY_BE_SILENT = frozenset(
+        {
+            *MAX_UNANSWERED_WITHOUT_BUS,
+            ControllerState.CONFIGURING,
+            ControllerState.CLEANING_UP,
+        }
+    )
     # feeds without an answer; a loop that opens an interface reads nothing, and its channel must
     # not become full
     MOST_FEEDS = 100
@@ -103,6 +111,7 @@ class LoopClient:
     POWER_CONFIRMED_OFF = (
         'the drives that it had configured have confirmed that their power is off'
     )
+    SILENT_REMEDY = 'wait until the control loop answers or is ended'
     LOST_REMEDY = 'read the cause in the log, then configure, home, activate'
 
     def __init__(
@@ -113,6 +122,11 @@ class LoopClient:
     ) -> None:
         setup.stopping.check()
         self._setup = setup
+        # Feeds without an answer after which the loop is shown as silent. The drives have missed
+        # its heartbeat then.
+        self._silent_after = (
+            math.ceil(setup.controller.heartbeat_timeout / FEED_PERIOD) + 2
+        )
         self._on_rejection = on_rejection
         self._launch = launch
         self._numbers = count()
@@ -203,6 +217,8 @@ class LoopClient:
         if self._is_lost:
             return
         self._unanswered += 1
+        if self._unanswered == self._silent_after:
+            self._show_silence()
         bound = self.MAX_UNANSWERED_WITHOUT_BUS.get(
             self.snapshot().state, self.MAX_UNANSWERED
         )
@@ -306,6 +322,24 @@ class LoopClient:
         elif kind == 'failed':  # from a restarted loop
             _end(self._process, 1.0)
             self._lose(f'the control loop did not start: {content[0]}')
+
+    def _show_silence(self) -> None:
+        """Replace the state of a loop that does not answer, until it sends its next state."""
+        snapshot, status = self._state
+        if snapshot.state in self.MAY_BE_SILENT or self._is_closing:
+            return
+        cause = Cause(
+            'the control loop does not answer: it has sent no state while it was fed '
+            f'{self._unanswered} times; {self.STOP_BY_HEARTBEAT}',
+            self.SILENT_REMEDY,
+        )
+        silent = snapshot._replace(
+            state=ControllerState.SILENT,
+            axes=tuple(one._replace(is_silent=True) for one in snapshot.axes),
+            causes=(cause, *snapshot.causes),
+            next_step=self.SILENT_REMEDY,
+        )
+        self._state = (silent, status)
 
     def _lose(self, reason: str) -> None:
         """Record the end of the process, and reject all unanswered requests."""

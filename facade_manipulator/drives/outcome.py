@@ -17,7 +17,12 @@ from facade_manipulator.drives.snapshot import (
 )
 from facade_manipulator.errors import joined, NEXT
 
-ERRORS = (ControllerState.STOPPED, ControllerState.BUS_LOST, ControllerState.LOST)
+ERRORS = (
+    ControllerState.STOPPED,
+    ControllerState.BUS_LOST,
+    ControllerState.SILENT,
+    ControllerState.LOST,
+)
 
 
 class NodeProblems(NamedTuple):

@@ -45,6 +45,7 @@ class ControllerState(Enum):
     UNCONFIGURED = 'unconfigured'
     BUS_LOST = 'bus lost'
     CLOSED = 'closed'
+    SILENT = 'control loop silent'
     LOST = 'control loop lost'
 
     __hash__ = object.__hash__

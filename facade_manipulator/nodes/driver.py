@@ -213,7 +213,8 @@ class DriverNode(ManagedNode):
         if stop := self._stops.count(snapshot):
             self.get_logger().error(stop)
         self._publish_outcome()
-        if not snapshot.state.is_active:
+        # a silent loop may still answer, and is otherwise lost
+        if not (snapshot.state.is_active or snapshot.state is ControllerState.SILENT):
             self.fall_back(
                 snapshot.state in (ControllerState.LOST, ControllerState.UNCONFIGURED)
             )

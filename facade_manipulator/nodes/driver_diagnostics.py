@@ -42,11 +42,14 @@ class StopCounter:
         self._state = snapshot.state if snapshot.state in ERRORS else None
         if self._state in (None, before):
             return ''
+        log = outcome_of(snapshot).with_next_step(snapshot.bus_error or snapshot.cause)
+        if before is ControllerState.SILENT:  # its drives have stopped by themselves
+            return log
         is_requested = self._state is ControllerState.STOPPED and any(
             cause.is_requested for cause in snapshot.causes[:1]
         )
         self._counts['software stops' if is_requested else 'drive faults'] += 1
-        return outcome_of(snapshot).with_next_step(snapshot.bus_error or snapshot.cause)
+        return log
 
 
 def operation_status(
@@ -107,7 +110,7 @@ def bus_status(snapshot: ControllerSnapshot, is_real: bool) -> DiagnosticStatus:
         **{name.replace('_', ' '): value for name, value in vars(bus).items()},
     }
     lost = snapshot.bus_error
-    if snapshot.state is ControllerState.LOST:
+    if snapshot.state in (ControllerState.SILENT, ControllerState.LOST):
         lost = f'unknown: {snapshot.cause}'
     if lost:
         message = outcome_of(snapshot).with_next_step(lost)

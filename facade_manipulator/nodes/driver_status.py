@@ -17,8 +17,11 @@ DRIVER_SILENCE = 4 * STATUS_PERIOD
 
 def state_sentence(state: str) -> str:
     """Return a sentence for a state such as ``'active'`` or ``'bus lost'``."""
-    subject, lost, _ = state.partition(' lost')
-    return f'the {subject} is lost' if lost else f'the drives are {state}'
+    for condition in ('lost', 'silent'):
+        subject, found, _ = state.partition(f' {condition}')
+        if found:
+            return f'the {subject} is {condition}'
+    return f'the drives are {state}'
 
 
 class DriverStatus(NamedTuple):
