@@ -47,10 +47,10 @@ READY = state()
 class Peer:
     """Loop's end of the channel, and a replacement of its process."""
 
-    def __init__(self, first=READY, **wait):
+    def __init__(self, first=READY, setup=SETUP, **wait):
         self.first = first
         self.process = Mock(**{'wait.return_value': 0} | wait)
-        self.node = LoopClient(SETUP, Mock(), self.launch)
+        self.node = LoopClient(setup, Mock(), self.launch)
         assert self.taken()[0][0] == 'setup'
 
     def launch(self, *ends):
@@ -97,7 +97,7 @@ def test_silent_loop_is_ended_after_many_feeds(kind, bound):
         peer.node.feed()
         peer.taken()
     assert not peer.process.kill.called
-    assert peer.node.snapshot().state is kind
+    assert peer.node.snapshot().state is not ControllerState.LOST
     peer.node.feed()
     peer.node.feed()
     assert peer.process.mock_calls == KILLED
@@ -110,6 +110,50 @@ def test_silent_loop_is_ended_after_many_feeds(kind, bound):
         in lost.cause
     )
     assert 'then configure' in lost.next_step
+
+
+@pytest.mark.parametrize(
+    'heartbeat_timeout, feeds',
+    [(0.1, 4), (0.15, 5), (0.5, 12)],  # 50 ms each
+)
+def test_unanswered_loop_is_shown_silent_until_it_answers(heartbeat_timeout, feeds):
+    controller = replace(SETUP.controller, heartbeat_timeout=heartbeat_timeout)
+    active = state(1, ControllerState.ACTIVE)
+    peer = Peer(active, setup=replace(SETUP, controller=controller))
+    for _ in range(2):
+        shown = []
+        for _ in range(feeds + 1):
+            peer.node.feed()
+            shown.append(peer.node.snapshot().state)
+        before = [ControllerState.ACTIVE] * (feeds - 1)
+        assert shown == [*before, *[ControllerState.SILENT] * 2]
+        silent = peer.node.snapshot()
+        assert silent.power == 'unknown'
+        assert silent.joints() is None
+        assert silent.cause == (
+            'the control loop does not answer: it has sent no state while it was fed '
+            f'{feeds} times; the drives stop because its heartbeat is missing'
+        )
+        assert silent.next_step == 'wait until the control loop answers or is ended'
+        peer.channel.send(*active)
+        peer.node.read()
+        assert ('state', *peer.node._state) == active
+
+
+@pytest.mark.parametrize(
+    'kind',
+    [
+        ControllerState.UNCONFIGURED,
+        ControllerState.BUS_LOST,
+        ControllerState.CONFIGURING,
+        ControllerState.CLEANING_UP,
+    ],
+)
+def test_loop_that_may_open_an_interface_is_not_silent(kind):
+    peer = Peer(state(1, kind))
+    for _ in range(60):
+        peer.node.feed()
+    assert peer.node.snapshot().state is kind
 
 
 @pytest.mark.parametrize(

@@ -229,6 +229,26 @@ def test_end_of_the_loop_makes_the_driver_unconfigured(bench):
     bench.bring_up()  # a new loop, homed again
 
 
+def test_frozen_loop_is_silent_with_unknown_power(bench, monkeypatch):
+    bench.bring_up()
+    released = Event()
+    monkeypatch.setattr(
+        bench.thread.loop, '_require_node', lambda: released.wait(DEADLINE)
+    )
+    step = 'wait until the control loop answers or is ended'
+    bench.until_driver('control loop silent', step)
+    values = bench.values()
+    assert values['power'] == 'unknown'
+    assert values['active since'] == 'inf'
+    assert bench.tested.state_label == 'active'  # the loop may still answer
+    bench.send(HOME)
+    assert 'the control loop is silent' in bench.until_rejected('control loop silent')
+    released.set()
+    bench.ros.until(lambda: bench.values()['state'] == 'stopped', 'the stop')
+    assert 'the control loop was paused' in bench.message()
+    assert bench.values()['drive faults'] == '1'
+
+
 @pytest.mark.parametrize('is_released', [False, True])
 def test_node_ends_while_configure_restarts_the_loop(bench, is_released):
     """The signal comes while the loop starts, or after its start."""

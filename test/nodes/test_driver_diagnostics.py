@@ -75,6 +75,7 @@ BUS_MESSAGES = {
     ControllerState.UNCONFIGURED: ('ok', 'closed'),
     ControllerState.CLOSED: ('ok', 'closed'),
     ControllerState.CONFIGURING: ('ok', 'configuring'),
+    ControllerState.SILENT: ('error', 'unknown: the loop has ended; next: configure'),
     ControllerState.LOST: ('error', 'unknown: the loop has ended; next: configure'),
     ControllerState.BUS_LOST: ('error', 'can0 is down; next: configure'),
 }
@@ -110,6 +111,16 @@ def test_each_stop_is_counted_and_logged_once(state, is_requested):
         'drive faults': 0 if is_wanted else stops,
         'software stops': stops if is_wanted else 0,
     }
+
+
+@pytest.mark.parametrize('later', [ControllerState.STOPPED, ControllerState.LOST])
+def test_stop_after_silence_is_logged_but_counted_once(later):
+    counter = StopCounter()
+    causes = (Cause('first'),)
+    silent = ControllerSnapshot(ControllerState.SILENT, 1.0, (), causes)
+    assert counter.count(silent)
+    assert counter.count(silent._replace(state=later))
+    assert counter.values['drive faults'] == 1
 
 
 def test_bus_lost_after_a_stop_is_logged():

@@ -4,7 +4,7 @@ from nodes.node_rig import driver_message
 import pytest
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.nodes.driver_status import DriverStatus
+from facade_manipulator.nodes.driver_status import DriverStatus, state_sentence
 
 IDLE = DriverStatus('inactive', 'holding', 'activate')
 
@@ -13,3 +13,16 @@ IDLE = DriverStatus('inactive', 'holding', 'activate')
 def test_message_of_another_program_is_rejected(since):
     with pytest.raises(InputError, match='driver/status rejected'):
         DriverStatus.from_message(driver_message(IDLE._replace(active_since=since)))
+
+
+@pytest.mark.parametrize(
+    'state, sentence',
+    [
+        ('active', 'the drives are active'),
+        ('bus lost', 'the bus is lost'),
+        ('control loop lost', 'the control loop is lost'),
+        ('control loop silent', 'the control loop is silent'),
+    ],
+)
+def test_sentence_names_the_subject_of_the_state(state, sentence):
+    assert state_sentence(state) == sentence
