@@ -138,9 +138,9 @@ class LoopClient:
         self._replies: deque[tuple[OnReply, Any]] = deque()
         # states that the node has not taken yet
         self._states: deque[ControllerSnapshot] = deque(maxlen=self.MOST_STATES)
-        # cause for which power is forbidden; empty if it is allowed
-        self._forbidden = ''
-        self._remedy = ''  # next step for this cause
+        # cause for which power is forbidden, empty if it is allowed; next step for this cause, and
+        # whether the cause lasts until clear_faults
+        self._forbidden = ('', '', True)
         self._close_due = math.inf  #: end of the time for `shut_down` [s, monotonic]
         self._at_end: list[OnReply] = []
         self._last_reply: Any = None  #: to `shut_down`
@@ -169,7 +169,7 @@ class LoopClient:
         self._unanswered = 0
         self._is_lost = False
         self._command('setup', self._setup)
-        self._command('forbid', self._forbidden, self._remedy)
+        self._command('forbid', *self._forbidden)
 
     def _wait_for_start(self) -> None:
         """Wait until the loop sends its first message."""
@@ -236,12 +236,14 @@ class LoopClient:
         """Quick-stop all axes at once."""
         self._command('stop', cause)
 
-    def forbid_power(self, cause: str, remedy: str = '') -> None:
+    def forbid_power(
+        self, cause: str, remedy: str = '', is_latched: bool = True
+    ) -> None:
         """Forbid power, also for a loop started later, until a call with the cause ``''``."""
-        if (cause, remedy) != (self._forbidden, self._remedy):
-            self._forbidden = cause
-            self._remedy = remedy
-            self._command('forbid', cause, remedy)
+        forbidden = (cause, remedy, is_latched)
+        if forbidden != self._forbidden:
+            self._forbidden = forbidden
+            self._command('forbid', *forbidden)
 
     def check(self, limits: MotionLimits) -> None:
         """Raise a ParameterError if the carriages could touch with these limits."""

@@ -40,7 +40,8 @@ class ForbiddenPower(NamedTuple):
     """Reason why all drives must be without power."""
 
     cause: str = ''  #: ``''`` if the drives may have power
-    remedy: str = ''  #: action of the operator before clear_faults, ``''`` for none
+    remedy: str = ''  #: action of the operator before the requests, ``''`` for none
+    is_latched: bool = True  #: whether the reason lasts until clear_faults
 
 
 @dataclass
@@ -159,14 +160,18 @@ class DriveController:
         """
         self._accept(partial(self._stop_for, Cause(cause)))
 
-    def forbid_power(self, cause: str, remedy: str = '') -> None:
+    def forbid_power(
+        self, cause: str, remedy: str = '', is_latched: bool = True
+    ) -> None:
         """
         Stop and power off all drives, and forbid power until a call with the cause ``''``.
 
         The drives stop even if the call with ``''`` follows at once. The remedy is the action of
-        the operator before clear_faults, ``''`` for none.
+        the operator before the requests, ``''`` for none. Drives that have stopped always need
+        clear_faults. Other drives need clear_faults if the cause is latched.
         """
-        self._accept(partial(self._forbid_power, ForbiddenPower(cause, remedy)))
+        forbidden = ForbiddenPower(cause, remedy, is_latched)
+        self._accept(partial(self._forbid_power, forbidden))
 
     def _accept(self, act: Callable[[], None]) -> None:
         """Process an input; if it stops the drives, the running request fails at once."""
@@ -319,6 +324,7 @@ class DriveController:
     def _forbid_power(self, forbidden: ForbiddenPower) -> None:
         self.forbidden = forbidden
         self._cut_forbidden_power()
+        self._publish()  # without a bus, the next snapshot may be due in a second
 
     def _cut_forbidden_power(self) -> None:
         cause = self.forbidden.cause

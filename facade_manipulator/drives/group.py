@@ -188,6 +188,11 @@ class Group:
             for one in first
         ):
             self.causes = (cause, *further)  # the later cause says why the drive fails
+        elif cause.is_requested and any(one.is_requested for one in self.causes):
+            # the later cause contains all present reasons of the supervisors
+            self.causes = tuple(
+                cause if one.is_requested else one for one in self.causes
+            )
         elif cause not in self.causes:
             self.causes = first + (*further, cause)[-self.MAX_FURTHER_CAUSES :]
         if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:

@@ -143,7 +143,8 @@ def _next_step(controller: DriveController, state: ControllerState) -> str:
         requests = 'home, activate'
     is_off = state in (ControllerState.UNCONFIGURED, ControllerState.INACTIVE)
     if forbidden.cause and is_off:
-        requests = f'clear_faults, {requests}'
+        if forbidden.is_latched:
+            requests = f'clear_faults, {requests}'
         if forbidden.remedy:
             return f'{forbidden.remedy}, then {requests}'
     return requests

@@ -196,7 +196,9 @@ class DriverNode(ManagedNode):
     def _apply_software_stop(self) -> None:
         now = time.monotonic()
         cause = self._software_stop.cause(now)
-        self._loop.forbid_power(cause, self._software_stop.next_step(now))
+        self._loop.forbid_power(
+            cause, self._software_stop.next_step(now), self._software_stop.is_latched
+        )
 
     def _publish_joint_states(self) -> None:
         """Publish the positions measured at each new SYNC, once."""

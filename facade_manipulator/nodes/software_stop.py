@@ -69,8 +69,13 @@ class SoftwareStop:
             )
         )
 
+    @property
+    def is_latched(self) -> bool:
+        """Return whether a true forbids power until clear_faults."""
+        return any(topic.is_latched for topic in self._topics.values())
+
     def next_step(self, now: float) -> str:
-        """Return the steps before clear_faults, ``''`` if each newest message is false."""
+        """Return the steps before the requests, ``''`` if each newest message is false."""
         return ', '.join(
             filter(None, (self._obstacle(name, now)[1] for name in self._topics))
         )
