@@ -194,10 +194,16 @@ def test_loop_ended_by_its_alarm_has_hung():
 
 def test_forbidden_power_reaches_the_next_loop():
     peer = Peer()
-    last = ('again', 'send false')
-    forbidden = [('stop', 'send false'), ('stop', ''), ('', ''), last]
-    for cause, remedy in (forbidden[0], *forbidden):
-        peer.node.forbid_power(cause, remedy)
+    last = ('again', 'send false', False)
+    forbidden = [
+        ('stop', 'send false', True),
+        ('stop', '', True),
+        ('', '', False),
+        ('again', 'send false', True),
+        last,
+    ]
+    for one in (forbidden[0], *forbidden):
+        peer.node.forbid_power(*one)
     assert peer.taken() == [('forbid', *one) for one in forbidden]
     peer.node.start()
     repeated = [one for one in peer.taken() if one[0] == 'forbid']

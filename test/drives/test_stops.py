@@ -151,6 +151,31 @@ def test_carriage_lagging_into_the_gap_stops_all(make_rig):
 # --- the operator and an own error
 
 
+@pytest.mark.parametrize('is_latched', [False, True])
+@pytest.mark.parametrize('is_configured', [False, True])
+def test_next_step_clears_only_a_latched_prohibition(rig, is_configured, is_latched):
+    following = 'configure, home, activate'
+    if is_configured:
+        rig.request('configure')
+        following = 'home, activate'
+    rig.controller.forbid_power('no message', 'send false', is_latched)
+    clear = 'clear_faults, ' if is_latched else ''
+    assert rig.snapshot.next_step == f'send false, then {clear}{following}'
+    rig.controller.forbid_power('')
+    assert rig.snapshot.next_step == following
+
+
+def test_later_prohibition_replaces_the_earlier_cause(rig):
+    at_rest(rig)
+    rig.controller.forbid_power('no message', 'send false', is_latched=False)
+    rig.until_stopped()
+    rig.controller.stop('another')
+    rig.controller.forbid_power('the red button is pressed')
+    rig.run(0.1)
+    messages = [one.message for one in rig.snapshot.causes]
+    assert messages == ['the red button is pressed', 'another']
+
+
 def test_power_stays_off_while_forbidden(rig):
     rig.controller.forbid_power('the red button is pressed')  # before there is a bus
     inactive_without_home = rig.request('configure')

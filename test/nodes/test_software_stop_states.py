@@ -11,6 +11,7 @@ import pytest
 from std_msgs.msg import Bool
 
 from facade_manipulator import topics
+from facade_manipulator.nodes.planar_messages import status_values
 
 CLEARED = 'software_stop is cleared'
 TWO = 'software_stop has 2 publishers (/second, /supervisor), above the limit 1'
@@ -37,6 +38,9 @@ class Bench(DriverBench):
         topic = self.tested._software_stop._topics['software_stop']
         ros.until(lambda: topic.newest is False, 'false')
 
+    def values(self):
+        return status_values(self.operation())
+
     def rejection(self, name):
         succeeded, message = self.ask(name)
         assert not succeeded
@@ -44,7 +48,7 @@ class Bench(DriverBench):
 
     def cause(self):
         """Return why the control loop may give no drive power."""
-        return self.loop._forbidden
+        return self.loop._forbidden[0]
 
     def until_cause(self, text):
         def has_cause():
@@ -121,6 +125,38 @@ def test_silence_or_second_publisher_forbid_power_while_they_last(bench, ros):
         other.destroy_publisher(second)
         bench.until_cause('')
         bench.ask('clear_faults')
+
+
+@pytest.mark.parametrize('is_configured', [False, True])
+def test_silence_without_power_needs_only_false(bench, is_configured):
+    requests = 'configure, home, activate'
+    if is_configured:
+        bench.require('configure', 'home')
+        requests = 'activate'
+    bench.timer.cancel()
+    bench.ros.until(
+        lambda: (
+            bench.message().partition('; next: ')[2]
+            == f'publish false on software_stop ten times a second, then {requests}'
+        ),
+        'the next step',
+    )
+    bench.timer.reset()
+    bench.ros.until(
+        lambda: bench.values()['next step'] == requests, 'the last next step'
+    )
+    bench.require(*requests.split(', '))
+
+
+def test_true_by_hand_after_silence_is_the_cause(bench):
+    bench.bring_up()
+    bench.timer.cancel()
+    bench.ros.until(lambda: 'silent' in bench.values()['cause'], 'the silence')
+    bench.set()
+    bench.ros.until(
+        lambda: bench.values()['cause'] == 'software_stop was set', 'the cause'
+    )
+    assert bench.values()['further causes'] == ''
 
 
 def test_true_between_two_turns_is_not_missed(bench):
