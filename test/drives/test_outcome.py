@@ -68,3 +68,19 @@ def test_state_next_step_follows_that_of_the_reply():
     reply = outcome_of(halted).with_next_step('home failed; next: wait', 'power: on')
     assert reply == 'home failed; power: on; next: wait, then clear_faults'
     assert outcome_of(ACTIVE).with_next_step('done') == 'done'
+
+
+def test_remedy_of_a_failed_request_precedes_the_requests():
+    requests = 'configure, home, activate'
+    snapshot = ACTIVE._replace(state=ControllerState.UNCONFIGURED, next_step=requests)
+
+    def message(failure: str) -> str:
+        return outcome_of(snapshot, problems=NodeProblems(failure)).message
+
+    problem = 'configure failed: another master uses this bus'
+    remedy = f'end that master, then {requests}'
+    expected = f'unconfigured; {problem}; next: {remedy}'
+    assert message(f'{problem}; next: {remedy}') == expected
+    # the state has changed since the failure
+    expected = f'unconfigured; {problem}; next: {requests}'
+    assert message(f'{problem}; next: clear_faults') == expected
