@@ -66,8 +66,8 @@ def outcome_of(
 
     The problem in the message is the cause of a stop, a fault of the graph, the reason that
     forbids power, or the last failed request and an overload. The state determines the next step.
-    The remedy of a fault stands before the next step, because the fault blocks this step. The
-    remedy of an overload stands after the next step.
+    The remedy of a fault or of a failed request stands before the next step, because its problem
+    blocks this step. The remedy of an overload stands after the next step.
     """
     state = snapshot.state
     slow = overload(snapshot)
@@ -86,8 +86,10 @@ def outcome_of(
     elif problems.fault:
         message = joined(state.value, problems.fault, following)
     else:
-        # the operator may already have done the next step of a failed request
-        failure = problems.last_failure.partition(NEXT)[0]
+        failure, _, step = problems.last_failure.partition(NEXT)
+        # otherwise the state has changed since the request failed
+        if following and step.endswith(snapshot.next_step):
+            following = f'{NEXT}{step}'
         message = joined(f'{state.value}{following}', failure, slow)
     cause = snapshot.cause or problems.forbidden
     if not cause and state in WARNINGS:
