@@ -13,13 +13,20 @@ class Rejections:
     PAUSE = 2.0  # s without a rejection, after which the sender counts as silent
 
     def __init__(self) -> None:
-        # by reason: message of the first, time of the newest rejection [s]
+        # by reason: message, time of the newest rejection [s]
         self._series: dict[str, tuple[str, float]] = {}
 
     def add(self, now: float, error: ManipulatorError) -> None:
-        """Add a rejection at a time [s]; a series stores the message of its first rejection."""
+        """
+        Add a rejection at a time [s]; a series stores the message of its first rejection.
+
+        A series due to a second publisher stores the newest message, because the name of that
+        publisher may arrive later.
+        """
         reason = getattr(error, 'reason', 'other')
         message, newest = self._series.get(reason, ('', -math.inf))
+        if reason == 'publishers':
+            message = str(error)
         if now - newest > self.PAUSE:
             self._series.pop(reason, None)  # another series, after those that continue
             message = str(error)
@@ -31,9 +38,10 @@ class Rejections:
 
     def message(self, now: float) -> str:
         """
-        Return the first message of the oldest current series at a time [s], or ``''``.
+        Return the message of the oldest current series at a time [s], or ``''``.
 
-        The message does not change while a series continues, so that a report is published once.
+        Messages that differ in a measured value do not change the message of their series, so
+        that a report is published once.
         """
         for message, newest in self._series.values():
             if now - newest <= self.PAUSE:

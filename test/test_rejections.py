@@ -47,3 +47,10 @@ def test_valid_message_ends_the_series():
     rejections.add(1.0, InputError('stale', 'old; next: a'))
     rejections.clear()
     assert rejections.message(1.0) == ''
+
+
+def test_series_of_a_second_publisher_has_the_newest_names():
+    rejections = Rejections()
+    rejections.add(1.0, InputError('publishers', 'publishers (a, unknown); next: c'))
+    rejections.add(1.1, InputError('publishers', 'publishers (a, b); next: c'))
+    assert rejections.message(1.2) == 'publishers (a, b); next: c'

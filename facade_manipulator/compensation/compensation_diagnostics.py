@@ -12,7 +12,7 @@ from typing import Any
 from facade_manipulator.compensation.contact_phases import Pressing
 from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.compensation.pose_compensator import Compensator
-from facade_manipulator.errors import joined
+from facade_manipulator.errors import joined, NEXT
 from facade_manipulator.kinematics.planar import millimetres, POSE_AXES
 
 Component = tuple[str, str, str, dict[str, Any]]
@@ -27,15 +27,24 @@ def correction_outcome(
     correction = compensator.correction
     mode = correction.mode
     text = mode.value
-    if mode in UNESTIMATED:
-        text = f'{text}: {correction.silence_cause(now)}'
     addition = fault or compensator.held_back.message(now)
+    if mode in UNESTIMATED:
+        cause = correction.silence_cause(now)
+        text = f'{text}: {cause}'
+        addition = _without_repetition(addition, cause)
     if not addition and mode not in UNESTIMATED:
         addition = correction.unmeasured_axes()
     level = 'warn' if addition or mode in UNCORRECTED else 'ok'
     if fault or mode is CorrectionMode.SILENT:
         level = 'error'
     return level, joined(text, addition)
+
+
+def _without_repetition(fault: str, cause: str) -> str:
+    """Return a fault without the problems that a cause of silence already contains."""
+    problems, separator, step = fault.partition(NEXT)
+    others = [problem for problem in problems.split('; ') if problem not in cause]
+    return f'{"; ".join(others)}{separator}{step}' if others else ''
 
 
 def correction_component(

@@ -7,6 +7,7 @@ import math
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import difference, MotionState, Pose, Twist
 from facade_manipulator.motion.timed_buffer import KEPT_TIME, TimedBuffer
+from facade_manipulator.rejections import Rejections
 
 OFF_PATH_TIME = 0.5  # s of not following, after which the path begins again at the head
 
@@ -25,6 +26,7 @@ class Following:
 
     def __init__(self) -> None:
         self._path: TimedBuffer[Pose, MotionState] = TimedBuffer(_motion)
+        self.rejections = Rejections()  #: of the measured poses
         # newest stamp [s] and measured pose
         self._head: tuple[float, Pose] | None = None
         # stamp at which the head last followed the path [s]
@@ -56,6 +58,7 @@ class Following:
             raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)
         interval = 0.0 if self._head is None else max(stamp - self._head[0], 0.0)
         self._head = stamp, head
+        self.rejections.clear()
         planned = self._path.interpolated(stamp)
         if planned is None:
             self._followed_at = stamp

@@ -354,7 +354,10 @@ def _outcome(state: GoalState, reason: str) -> str:
 
 def late_reason(compensator: Compensator, now: float) -> str:
     """Return why the head is not at its goal after the end of its path; ``''`` if unknown."""
-    if compensator.following.newest(now) is None:
+    following = compensator.following
+    if following.newest(now) is None:
+        if rejection := following.rejections.message(now):
+            return f'each end_effector_pose is rejected: {rejection}'
         return (
             f'end_effector_pose is silent for more than {OFF_PATH_TIME:g} s; next: check '
             'the ik_service and the publishers of joint_states'

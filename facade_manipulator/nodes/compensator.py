@@ -135,7 +135,9 @@ class CompensatorNode(BaseNode):
             self.inputs.accept_calls(topic)
             ik_service.pass_heads_to(self.owned(self.add_head))
         else:
-            self.inputs.subscribe(topic, self._receive_head, frame_id=self._frames.rail)
+            self.inputs.subscribe(
+                topic, self._receive_head, self._reject_head, self._frames.rail
+            )
 
     def pass_poses_to(self, follow: Callable[[float, Pose], None]) -> None:
         """Set a function that receives time [s, monotonic] and value of each corrected pose."""
@@ -146,6 +148,7 @@ class CompensatorNode(BaseNode):
         self.inputs.accept(
             topics.END_EFFECTOR_POSE,
             partial(self._compensator.following.add_head, time, head),
+            partial(self._reject_head, None),
         )
 
     def _publish_goal(self, component: compensation_diagnostics.Component) -> None:
@@ -216,6 +219,9 @@ class CompensatorNode(BaseNode):
             steady_seconds(message.header.stamp),
             planar_messages.planar_pose(message.pose, 'end_effector_pose'),
         )
+
+    def _reject_head(self, _: object, error: ManipulatorError) -> None:
+        self._compensator.following.rejections.add(monotonic(), error)
 
     def _receive_wrench(self, message: WrenchStamped) -> None:
         self._compensator.contact.add_wrench(

@@ -78,6 +78,20 @@ def test_rejected_estimates_are_reported_with_their_cause(compensator, mode):
     assert uncorrected_reason(correction, 101.0).endswith(cause)
 
 
+def test_second_publisher_of_the_estimates_is_reported_once(compensator):
+    fault = 'disturbance has 2 publishers (a, b), above the limit 1; next: end one'
+    correction = compensator.correction
+    correction.mode = CorrectionMode.SILENT
+    correction.rejections.add(99.9, InputError('publishers', fault))
+    level, message = correction_outcome(compensator, 100.0, fault)
+    assert level == 'error'
+    assert message == f'{correction.mode.value}: each estimate is rejected: {fault}'
+    other = f'goal_pose has 2 publishers (c, d), above the limit 1; {fault}'
+    _, message = correction_outcome(compensator, 100.0, other)
+    assert message.count('disturbance has 2 publishers') == 1
+    assert message.count('goal_pose has 2 publishers') == 1
+
+
 def test_correction_values_have_the_unit_of_their_key(compensator):
     compensator.add_estimate(100.0, 99.95, ZERO_POSE, (1e-6, 4e-6, 1e-4))
     compensator.following.lag = 0.007

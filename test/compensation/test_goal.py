@@ -11,6 +11,7 @@ from facade_manipulator.compensation.compensation_diagnostics import contact_com
 from facade_manipulator.compensation.contact_phases import ContactSettings, PressMode
 from facade_manipulator.compensation.correction import CorrectionSettings
 from facade_manipulator.compensation.goal import ArrivalSettings, Goal, GoalTracker
+from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 
 STEP = 0.02
@@ -317,6 +318,22 @@ def test_goal_of_an_unmeasured_head_is_held_back(machine):
         'end_effector_pose is silent for more than 0.5 s; next: check the ik_service and '
         'the publishers of joint_states'
     )
+
+
+def test_rejected_head_is_reported_with_its_cause(machine):
+    machine.follow(GOAL, '1.0')
+    machine.run(0.2)
+    following = machine.head.compensator.following
+    fault = 'end_effector_pose has 2 publishers; next: end one'
+
+    def reject(*_: object) -> None:
+        error = InputError('publishers', fault)
+        following.rejections.add(machine.head.now, error)
+
+    following.add_head = reject
+    sent = machine.run(6.0)
+    assert sent[-1]['state'] == 'held back'
+    assert sent[-1]['reason'] == f'each end_effector_pose is rejected: {fault}'
 
 
 def test_goal_of_a_head_at_rest_is_held_back():
