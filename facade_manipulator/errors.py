@@ -120,7 +120,7 @@ class InputError(ManipulatorError):
         'quality': 'correct the quality of service of the publisher',
         'quaternion': 'normalise the quaternion',
         'range': 'check unit and range of the sensor',
-        'stale': 'synchronise the clocks',
+        'stale': 'synchronise the clocks, or reduce the load of the computer',
         'tolerance': 'choose another tolerance',
     }
 
@@ -145,6 +145,10 @@ class InputError(ManipulatorError):
         return InputError('out_of_order', f'{quantity} {relation} the previous message')
 
 
+# s, ten years: an older stamp is missing, or is a time since a start instead of since 1970
+MISSING_STAMP_AGE = 3.2e8
+
+
 def require_recent(
     quantity: str, age: float, maximum_age: float, maximum_lead: float
 ) -> None:
@@ -154,9 +158,10 @@ def require_recent(
     Raises an InputError with reason ``'stale'`` or ``'future'``.
     """
     if not age <= maximum_age:  # NaN is also rejected
-        raise InputError(
-            'stale', f'{quantity} is {age:.3f} s old, above the limit {maximum_age:g} s'
-        )
+        problem = f'{quantity} is {age:.3f} s old, above the limit {maximum_age:g} s'
+        if age > MISSING_STAMP_AGE:
+            problem += f'{NEXT}stamp the message with the system time'
+        raise InputError('stale', problem)
     if -age > maximum_lead:
         raise InputError(
             'future',

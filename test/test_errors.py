@@ -16,6 +16,7 @@ from facade_manipulator.errors import (
     ManipulatorError,
     NEXT,
     ParameterError,
+    require_recent,
 )
 
 PACKAGE = Path(facade_manipulator.__file__).parent
@@ -198,3 +199,17 @@ def test_order_is_explained_without_a_zero_duration(lateness):
     assert '0.000' not in message
     assert '-' not in message
     assert ('stamp of' in message) == (lateness < 5e-4)
+
+
+@pytest.mark.parametrize(
+    ('age', 'next_step'),
+    [
+        (0.4, 'synchronise the clocks, or reduce the load of the computer'),
+        (1.8e9, 'stamp the message with the system time'),
+    ],
+)
+def test_next_step_of_an_old_message_depends_on_its_age(age, next_step):
+    with pytest.raises(InputError) as caught:
+        require_recent('disturbance', age, 0.3, 0.01)
+    assert caught.value.reason == 'stale'
+    assert caught.value.remedy == next_step
