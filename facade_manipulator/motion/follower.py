@@ -121,7 +121,7 @@ class SetpointFollower:
     EARLIEST = 0.5
 
     # causes of a brake
-    STREAM_SILENT = 'no setpoint was received for longer than stream.stale_after'
+    STREAM_SILENT = 'no valid setpoint was received for longer than stream.stale_after'
     STREAM_ENDED = 'the driver ended the stream of setpoints'
     LIMITS_LOWERED = 'the carriages were faster than the lowered limits'
 

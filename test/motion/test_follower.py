@@ -466,7 +466,7 @@ def reject_every_path(_, check):
     ('begin', 'cause'),
     [
         (lambda made, _: made.hold(), 'the driver ended the stream of setpoints'),
-        (lambda made, _: None, 'no setpoint was received'),
+        (lambda made, _: None, 'no valid setpoint was received'),
         (lower_the_limits, 'faster than the lowered limits'),
         (reject_every_path, 'no path'),
     ],
