@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from facade_manipulator.errors import joined, NEXT
 from facade_manipulator.kinematics import Pose
 
 
 class HeldBack:
     """Causes that hold the head back now, or did so within the last second."""
 
-    HOLDS = ('at the workspace limit', 'by an uncertain estimate')
+    # limits that hold axes of the head, with the next step of the operator
+    HOLDS = {
+        'at the workspace limit': 'choose a goal nearer to the middle of the workspace',
+        'by an uncertain estimate': 'check the sensor',
+    }
     LEAST_ERROR = 1e-4  # m or rad, minimum error of an axis that counts as held back
     SHOWN_FOR = 1.0  # s, so that an operator can read the message
     OFF_PATH = 'the head does not follow its path; next: check /diagnostics'
@@ -29,17 +34,21 @@ class HeldBack:
         self._noted[self.OFF_PATH, ''] = now
 
     def message(self, now: float) -> str:
-        """Return a message with the held axes and their causes; empty if the head is not held."""
+        """
+        Return the held axes, their causes and the next steps in one message.
+
+        The message is empty if the head is not held.
+        """
         for held, then in [*self._noted.items()]:
             # a future time: the clock was set back
             if not 0.0 <= now - then < self.SHOWN_FOR:
                 del self._noted[held]
 
         texts = []
-        for limit in self.HOLDS:
+        for limit, step in self.HOLDS.items():
             axes = [axis for axis in Pose._fields if (limit, axis) in self._noted]
             if axes:
-                texts.append(f'held back in {", ".join(axes)} {limit}')
+                texts.append(f'held back in {", ".join(axes)} {limit}{NEXT}{step}')
         if (self.OFF_PATH, '') in self._noted:
             texts.append(self.OFF_PATH)
-        return '; '.join(texts)
+        return joined(*texts)

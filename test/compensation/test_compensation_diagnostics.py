@@ -127,7 +127,7 @@ def test_unmeasured_axis_is_a_warning_without_a_deviation(goal):
     component = correction_component(head.compensator, head.now, '', (0.0, 0.0))
     _, level, message, values = component
     assert level == 'warn'
-    held = 'held back in x by an uncertain estimate'
+    held = 'held back in x by an uncertain estimate; next: check the sensor'
     assert message == 'compensating; ' + (held if goal else UNMEASURED)
     deviations = values['standard deviation of the prediction'].split('; ')
     assert deviations[0] == 'x inf mm'
