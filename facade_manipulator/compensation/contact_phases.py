@@ -26,6 +26,7 @@ from facade_manipulator.compensation.contact_force import (
 )
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.rejections import Rejections
 
 CONTACT_CLOCK_TOLERANCE = 0.02  # s
 
@@ -215,6 +216,7 @@ class Pressing:
         self.ramp = ForceRamp()
         self.monitor = ForceMonitor()
         self.sensor_zero = SensorZero()
+        self.rejections = Rejections()  #: of the wrenches
         self.moment = 0.0  #: last measured moment on the wall [N m]
         #: reason of the present wait off the wall; empty without a wait
         self.reason = ''
@@ -282,6 +284,7 @@ class Pressing:
         readings minus the zeros go to the force laws, the tracker and the monitor. `is_repeated`
         marks a wrench that is identical to the previous one.
         """
+        self.rejections.clear()
         if self.mode is PressMode.RETRACTED:
             interval = stamp - self.monitor.stamp
             self.sensor_zero.add_measurement(stamp, interval, force, moment)
@@ -332,9 +335,7 @@ class Pressing:
             if self.normal.is_at_goal and not self.theta.offset:
                 return  # no offset remains; at 100 Hz this saves 0.3 % of a processor
         else:
-            silence = f'no contact_wrench for {OLDEST_WRENCH:g} s'
-            if is_fresh:
-                silence = around.silence
+            silence = around.silence if is_fresh else self._wrench_silence(now)
             self._choose_phase(now, interval, silence)
         if self._is_off_wall:
             self.normal.release_fade(interval)
@@ -390,6 +391,14 @@ class Pressing:
         """Begin a phase with a desired force of zero."""
         self.mode = mode
         self.ramp.restart()
+
+    def _wrench_silence(self, now: float) -> str:
+        """Return why no fresh contact_wrench is received at a time [s], with the next step."""
+        if rejection := self.rejections.message(now):
+            return f'no valid contact_wrench for {OLDEST_WRENCH:g} s: {rejection}'
+        return (
+            f'no contact_wrench for {OLDEST_WRENCH:g} s; next: check the force sensor'
+        )
 
     def _wait(self, now: float, silence: str) -> None:
         """Wait off the wall until there is no reason to wait, then approach the wall."""

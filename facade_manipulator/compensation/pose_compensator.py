@@ -297,7 +297,9 @@ class Compensator:
         elif self.correction.mode is CorrectionMode.SETTLING:
             silence = self.correction.mode.value
         elif not all(self.correction.usable[1:]):
-            silence = 'the estimate of y or theta is too uncertain'
+            silence = (
+                'the estimate of y or theta is too uncertain; next: check the estimator'
+            )
 
         surroundings = Surroundings(
             saturation_error,

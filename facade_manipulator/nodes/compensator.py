@@ -120,7 +120,9 @@ class CompensatorNode(BaseNode):
         for topic in (topics.DISTURBANCE, topics.DISTURBANCE_ODOMETRY):
             subscribe(topic, self._add_estimate, self._reject_estimate, frames.facade)
         head = frames.end_effector
-        subscribe(topics.CONTACT_WRENCH, self._receive_wrench, frame_id=head)
+        subscribe(
+            topics.CONTACT_WRENCH, self._receive_wrench, self._reject_wrench, head
+        )
         subscribe(topics.LATERAL_OFFSET, self._receive_lateral_offset, frame_id=head)
 
     def connect(self, ik_service: IkServiceNode | None) -> None:
@@ -229,6 +231,9 @@ class CompensatorNode(BaseNode):
             steady_seconds(message.header.stamp),
             planar_messages.planar_wrench(message),
         )
+
+    def _reject_wrench(self, _: object, error: ManipulatorError) -> None:
+        self._compensator.contact.pressing.rejections.add(monotonic(), error)
 
     def _receive_lateral_offset(self, message: PointStamped) -> None:
         self._compensator.contact.add_lateral_offset(

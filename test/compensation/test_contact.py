@@ -333,6 +333,22 @@ def test_old_reading_is_ignored_after_a_clock_step():
     assert 'no contact_wrench for 0.2 s' in pressing.last_reason
 
 
+def test_rejected_wrench_is_reported_with_its_cause():
+    pressing = press(600.0).pressing
+
+    def reject(time: float, _: float) -> None:
+        error = InputError('frame', "contact_wrench is in frame 'map'; next: a")
+        pressing.rejections.add(time, error)
+
+    press(600.0, 1.0, pressing=pressing, start=END, sensor=reject)
+    assert pressing.mode is PressMode.RETRACTED
+    reason = "no valid contact_wrench for 0.2 s: contact_wrench is in frame 'map'"
+    assert pressing.reason == f'{reason}; next: a'
+    press(600.0, 3.0, pressing=pressing, start=END + 1.0, sensor=lambda *_: None)
+    silence = 'no contact_wrench for 0.2 s; next: check the force sensor'
+    assert pressing.reason == silence
+
+
 def distance_after_a_step(stiffness):
     """Return the tracked distance [m], 50 ms after the wall has moved by 1 mm."""
     tracker = WallTracker()

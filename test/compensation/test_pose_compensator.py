@@ -169,7 +169,10 @@ def test_clock_step_keeps_correction_active_without_a_jump(step):
             'no valid estimate for more than 0.5 s: the estimator is silent; '
             'next: check the estimator',
         ),
-        ((0.0, 1e6, 0.0), 'the estimate of y or theta is too uncertain'),
+        (
+            (0.0, 1e6, 0.0),
+            'the estimate of y or theta is too uncertain; next: check the estimator',
+        ),
     ],
 )
 def test_lost_estimate_retracts_the_head_with_its_reason(variances, reason):
