@@ -262,7 +262,15 @@ class DriveTimeoutError(DriveError):
 
 
 class DriveObjectError(DriveError):
-    """A drive rejects an object, or its identity or an object differs from the configuration."""
+    """
+    A drive rejects an object, or its identity or an object differs from the configuration.
+
+    `findings` are the messages that the message of the error joins, usually one for each object.
+    """
+
+    def __init__(self, *findings: str) -> None:
+        super().__init__(joined(*findings))
+        self.findings = findings
 
 
 def file_reason(error: OSError) -> str:

@@ -101,14 +101,11 @@ def apply(drive: SdoChannel, writes: list[Write]) -> Steps[list[str]]:
             rejections.setdefault(str(write), str(error))
     found = yield from check(drive, writes)
     if found.problems:
-        raise DriveObjectError(
-            '; '.join(
-                text
-                if (rejection := rejections.get(name, text)) == text
-                else f'{text}: {rejection}'
-                for name, text in found.problems.items()
-            )
-        )
+        findings = []
+        for name, text in found.problems.items():
+            rejection = rejections.get(name, text)
+            findings.append(text if rejection == text else f'{text}: {rejection}')
+        raise DriveObjectError(*findings)
     return found.notes
 
 

@@ -157,7 +157,7 @@ class SdoAccess:
         notes += yield from apply(self.objects, self._writes)
         problems = yield from self._unit_conflicts()
         if problems:
-            raise DriveObjectError('; '.join(problems))
+            raise DriveObjectError(*problems)
         self.stops_without_master = yield from stops_without_master(
             self.objects, self._profile
         )
@@ -180,7 +180,7 @@ class SdoAccess:
         problems = yield from self._unit_conflicts()
         problems += compared.problems.values()
         if problems:
-            raise DriveObjectError('; '.join(problems))
+            raise DriveObjectError(*problems)
 
     def use(self) -> Steps[str]:
         """

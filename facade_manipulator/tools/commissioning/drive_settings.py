@@ -79,7 +79,7 @@ def differences(
     """Describe every difference of a drive from its profile; raises a DriveTimeoutError."""
     profile = load_profile(axis.profile)
     read = drive.read_optional
-    found = []
+    found: list[str] = []
     for check in (
         configuration.check_identity(drive, axis, {}),
         configuration.apply(drive, writes),
@@ -87,7 +87,7 @@ def differences(
         try:
             yield from check
         except DriveObjectError as error:
-            found += str(error).split('; ')
+            found += error.findings
     found += yield from configuration.unit_conflicts(read, axis)
 
     if not (yield from configuration.stops_without_master(drive, profile)):
