@@ -10,6 +10,7 @@ import pytest
 import facade_manipulator
 from facade_manipulator.errors import (
     attributed,
+    DriveObjectError,
     InputError,
     joined,
     LimitError,
@@ -213,3 +214,15 @@ def test_next_step_of_an_old_message_depends_on_its_age(age, next_step):
         require_recent('disturbance', age, 0.3, 0.01)
     assert caught.value.reason == 'stale'
     assert caught.value.remedy == next_step
+
+
+def test_findings_of_a_drive_are_joined_once():
+    findings = (
+        'q1: 6065h differs; it has 2 bytes',
+        'q1: 1016h is missing; next: replace q1',
+    )
+    error = DriveObjectError(*findings)
+    assert error.findings == findings
+    assert str(error) == (
+        'q1: 6065h differs; it has 2 bytes; q1: 1016h is missing; next: replace q1'
+    )
