@@ -73,10 +73,11 @@ class ImuGate:
 
         turned = self._along_rail(rates)
         forced = self._along_rail(forces)
-        self._update_mean(forced)
         rate = max(map(abs, rates))
         self._require_below('turning rate', rate, LARGEST_RATE, 'rad/s')
         self._require_below('acceleration', math.hypot(*forces), LARGEST_FORCE, 'm/s^2')
+        # after the limits, because one impossible measurement would dominate the mean for seconds
+        self._update_mean(forced)
         self._require_upright()
         self.stamp = stamp
         self.arrival = now

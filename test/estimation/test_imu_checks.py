@@ -56,6 +56,14 @@ def test_faulty_imu_is_rejected_with_its_reason(expected, changes):
     assert rejection(**changes) == expected
 
 
+def test_measurement_after_a_saturated_one_is_accepted():
+    gate = ImuGate(ImuSettings())
+    gate.check(1000.0, 1000.0, STILL, REST)
+    with pytest.raises(InputError, match='acceleration = 1e'):
+        gate.check(1000.1, 1000.1, STILL, (1e6, 0.0, GRAVITY))
+    assert gate.check(1000.2, 1000.2, STILL, REST)
+
+
 @pytest.mark.parametrize(
     'angles', [(math.pi, 0.0, 0.0), (0.0, 0.0, 1.0), (0.5, -0.3, 2.0)]
 )
