@@ -23,6 +23,12 @@ from facade_manipulator.parameters import parameter, settings
 
 OLDEST_OFFSET = 0.3  # s; an older lateral offset is not used
 
+# Name, unit and largest value of each measured quantity. The limit of the force is five times the
+# largest force on the wall, which is twice the maximum of contact.force (1000 N).
+WRENCH_LIMITS = (('fx', 'N', 1e4), ('fy', 'N', 1e4), ('mz', 'N m', 1e4))
+# m; the shift is at most 0.1 m, and a larger offset is probably in millimetres
+OFFSET_LIMITS = (('x', 'm', 2.0),)
+
 
 @settings
 class LateralSettings:
@@ -94,9 +100,11 @@ class Contact:
         """
         Record the wrench of the wall on the head, in the head's frame, measured at a stamp [s].
 
-        Raises an InputError if the wrench is not finite, stale, from the future or out of order.
+        Raises an InputError if the wrench is not finite, beyond `WRENCH_LIMITS`, stale, from the
+        future or out of order.
         """
-        self._check('contact_wrench', now, stamp, OLDEST_WRENCH, wrench)
+        _require_possible('contact_wrench', wrench, WRENCH_LIMITS)
+        self._require_in_time('contact_wrench', now, stamp, OLDEST_WRENCH)
         force = -(math.sin(self.yaw) * wrench.fx + math.cos(self.yaw) * wrench.fy)
         self.pressing.add_measurement(stamp, force, -wrench.mz, wrench == self._wrench)
         self._wrench = wrench
@@ -105,9 +113,11 @@ class Contact:
         """
         Record the measured lateral offset: missing motion of the head along the wall [m].
 
-        Raises an InputError if the offset is not finite, stale, from the future or out of order.
+        Raises an InputError if the offset is not finite, beyond `OFFSET_LIMITS`, stale, from the
+        future or out of order.
         """
-        self._check('lateral_offset', now, stamp, OLDEST_OFFSET, (offset,))
+        _require_possible('lateral_offset', (offset,), OFFSET_LIMITS)
+        self._require_in_time('lateral_offset', now, stamp, OLDEST_OFFSET)
         self.regulator.add_measurement(stamp, offset)
 
     def shift(
@@ -131,24 +141,33 @@ class Contact:
         self.yaw = shifted.theta
         return shifted
 
-    def _check(
-        self,
-        quantity: str,
-        now: float,
-        stamp: float,
-        oldest: float,
-        values: Iterable[float],
+    def _require_in_time(
+        self, quantity: str, now: float, stamp: float, oldest: float
     ) -> None:
         """
-        Require finite values and increasing stamps that are at most `oldest` old [s].
+        Require increasing stamps that are at most `oldest` old [s].
 
         A stamp that is earlier by more than `KEPT_TIME` means that the clock was set back.
         """
-        for value in values:
-            if not math.isfinite(value):
-                raise InputError.not_finite(quantity, value)
         require_recent(quantity, now - stamp, oldest, CONTACT_CLOCK_TOLERANCE)
         lateness = self._stamps.get(quantity, -math.inf) - stamp
         if 0.0 <= lateness <= KEPT_TIME:
             raise InputError.out_of_order(quantity, lateness)
         self._stamps[quantity] = stamp
+
+
+def _require_possible(
+    quantity: str,
+    values: Iterable[float],
+    limits: Iterable[tuple[str, str, float]],
+) -> None:
+    """Require finite values within their limits, each with name, unit and largest value."""
+    for value, (name, unit, largest) in zip(values, limits, strict=True):
+        if not math.isfinite(value):
+            raise InputError.not_finite(f'{quantity} {name}', value)
+        if abs(value) > largest:
+            raise InputError(
+                'range',
+                f'{quantity} {name} = {value:.4g} {unit} is beyond the limit '
+                f'±{largest:g} {unit}',
+            )

@@ -3,6 +3,7 @@
 import cmath
 from collections import deque
 from dataclasses import replace
+from functools import partial
 import math
 from types import SimpleNamespace
 
@@ -605,3 +606,40 @@ def test_impossible_measurement_is_rejected(felt, add, possible, not_finite):
         with pytest.raises(InputError) as caught:
             add(felt, NOW, NOW - age, measured)
         assert caught.value.reason == reason
+
+
+@pytest.mark.parametrize(
+    ('add', 'measured', 'words'),
+    [
+        (
+            Contact.add_wrench,
+            Wrench(0.0, -1e200, 0.0),
+            'contact_wrench fy = -1e+200 N is beyond the limit ±10000 N',
+        ),
+        (
+            Contact.add_wrench,
+            Wrench(0.0, -30.0, 2e4),
+            'contact_wrench mz = 2e+04 N m is beyond the limit ±10000 N m',
+        ),
+        (
+            Contact.add_lateral_offset,
+            12.0,
+            'lateral_offset x = 12 m is beyond the limit ±2 m',
+        ),
+    ],
+)
+def test_measurement_beyond_physical_limits_is_rejected(felt, add, measured, words):
+    with pytest.raises(InputError) as caught:
+        add(felt, NOW, NOW, measured)
+    assert caught.value.reason == 'range'
+    assert str(caught.value) == f'{words}; next: check unit and range of the sensor'
+    add_possible = partial(add, felt, NOW, NOW)
+    add_possible(0.0 if add is Contact.add_lateral_offset else PRESSED)
+
+
+def test_largest_wrench_raises_no_error():
+    felt = Contact(SETTINGS, LateralSettings())
+    for k in range(100):
+        force = -1e4 if k % 2 else 1e4
+        felt.add_wrench(NOW + k * PERIOD, NOW + k * PERIOD, Wrench(0.0, force, 0.0))
+    assert 'chatters by' in felt.pressing.monitor.fault(2e4)
