@@ -221,12 +221,25 @@ class Group:
         if self.state is GroupState.ACTIVE and self.is_settled:
             self.is_confirmed = True
         if self.is_settled and len(self._plan) > 1 and not self._due_rank():
+            was_clearing = self.state is GroupState.CLEARING
             self._begin(self._plan[1:], now)
             if self.state is GroupState.INACTIVE:
                 self.causes = ()
                 self.not_responding.clear()
+                if was_clearing:
+                    self._forget_errors()
         if self.state is GroupState.HOMING:
             self._command_homing()
+
+    def _forget_errors(self) -> None:
+        """
+        Forget the errors of all drives, which have left their faults.
+
+        A drive may report its errors only by 603Fh, and does not report that they have ended. The
+        same code is then a new error, which may lose the position again.
+        """
+        for axis in self.axes:
+            axis.errors.forget()
 
     def _command_homing(self) -> None:
         """Start the homing of the axes whose rank is due."""
