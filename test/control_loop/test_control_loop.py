@@ -31,6 +31,7 @@ from facade_manipulator.control_loop.loop_channel import LoopSetup, Message
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import Controlword, State
+from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
 
@@ -312,6 +313,15 @@ def test_hang_alarm_pauses_while_the_bus_is_opened():
     wait_until(lambda: replies, 'the reply', step=controller.turn)
     assert 'cannot be opened' in str(replies[0])
     assert alarm.timeouts == [0.0, HANG_TIMEOUT]
+
+
+def test_bit_rate_too_low_for_the_cycle_is_rejected_at_the_start():
+    bus = BusSettings(bitrate=125_000)
+    setup = LoopSetup(Geometry(), SETTINGS, DEFAULT_AXES, bus)
+    with pytest.raises(
+        ParameterError, match='bus load = 126 % .* is above the limit 50 %'
+    ):
+        ControlLoop(setup, NodeEnd(None))
 
 
 def test_software_stop_shorter_than_a_cycle_stops_the_drives():
