@@ -30,7 +30,7 @@ class BusSettings:
     )
     channel: str = parameter('Name of the CAN interface', default='can0')
     bitrate: int = parameter(
-        'Bit rate of the bus',
+        'Bit rate of the bus, of which the cycle uses at most half',
         default=1_000_000,
         unit='bit/s',
         minimum=10_000,

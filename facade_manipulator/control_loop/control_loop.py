@@ -31,6 +31,7 @@ from typing import Any
 from facade_manipulator.canopen.bus import CanBus, open_bus
 from facade_manipulator.canopen.clock import Clock, SteadyTime
 from facade_manipulator.control_loop.loop_channel import Channel, LoopSetup
+from facade_manipulator.drives.bus_load import check_bus_load
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.guard import Guard
 from facade_manipulator.drives.realtime import take_over_collector
@@ -87,7 +88,7 @@ class ControlLoop:
 
     A test may pass its own clock and its own machine, that is, follower and controller on a bus of
     the test. `alarm` ends the process of the loop if the process hangs. Raises the ParameterErrors
-    of `DriveController`.
+    of `DriveController` and `check_bus_load`.
     """
 
     IDLE_WAIT = 0.05  # s without a bus; maximum delay of a signal
@@ -116,6 +117,8 @@ class ControlLoop:
             controller = DriveController(
                 setup.controller, setup.axes, self._open_bus, follower, guard
             )
+            profiles = [axis.profile for axis in controller.axes]
+            check_bus_load(setup.controller, setup.bus.bitrate, profiles)
             machine = (follower, controller)
         self.follower, self.controller = machine
         self.simulator: Any = setup.simulate and resolve_name(setup.simulate)(
