@@ -195,8 +195,8 @@ class Pressing:
     there. After a fault the head stays at this distance until pressing is disabled and enabled
     again, and a new goal follows. After a silent sensor or a lost estimate, the head approaches
     the wall again without a request. After pressing is disabled or ended, the head stays at this
-    distance until the next goal. The owner replaces `settings`, some of which are live. The owner
-    calls `follow_goal` for each new goal, and `end` when a goal is no longer followed.
+    distance until the next goal. The owner calls `change_settings` for changed live parameters,
+    `follow_goal` for each new goal, and `end` when a goal is no longer followed.
     """
 
     NEAR_GOAL = 0.005  # m, maximum distance of the path past its goal
@@ -298,6 +298,18 @@ class Pressing:
             stamp, force, demanded, self.desired, self.settings.force, is_repeated
         )
 
+    def change_settings(self, settings: ContactSettings) -> None:
+        """
+        Change the live parameters; disabling ends pressing and clears the fault.
+
+        The fault is cleared at once, because `step` is not called without a goal, and pressing may
+        be enabled again before the next cycle.
+        """
+        self.settings = settings
+        if not settings.enabled:
+            self._is_latched = False
+            self.end()
+
     def follow_goal(self) -> None:
         """
         Press at a new goal if pressing is enabled, and continue to press after another goal.
@@ -328,8 +340,6 @@ class Pressing:
     ) -> None:
         """Move the offsets over an interval [s] to a later time [s]."""
         is_fresh = -CONTACT_CLOCK_TOLERANCE <= now - self.monitor.stamp <= OLDEST_WRENCH
-        if not self.settings.enabled:
-            self._disable()
         if not self._is_active:
             self.sensor_zero.note_place(time, is_free=False)
             if self.normal.is_at_goal and not self.theta.offset:
@@ -353,11 +363,6 @@ class Pressing:
     @property
     def _is_off_wall(self) -> bool:
         return self.mode in (PressMode.OFF, PressMode.RETRACTED)
-
-    def _disable(self) -> None:
-        """Stop pressing until the next goal, and clear the fault."""
-        self._is_latched = False
-        self.end()
 
     def _choose_phase(self, now: float, interval: float, silence: str) -> None:
         """Choose to wait, retract or follow the touch; `silence` explains a missing input."""

@@ -138,7 +138,7 @@ class Compensator:
 
     def change_contact(self, settings: ContactSettings) -> None:
         """Change the live parameters of the contact, without a jump of the pose."""
-        self.contact.pressing.settings = settings
+        self.contact.pressing.change_settings(settings)
 
     def change_lateral(self, settings: LateralSettings) -> None:
         """Change the live parameters of the lateral offset, without a jump of the pose."""

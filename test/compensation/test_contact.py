@@ -372,19 +372,34 @@ def test_brush_that_bottoms_out_makes_the_head_retract():
     assert run.pressing.reason
 
 
-def test_fault_lasts_until_pressing_is_disabled_and_enabled():
-    def stuck(time, force):
-        return 20.0 if HELD < time < HELD + 1.0 else force
+def stuck(time, force):
+    return 20.0 if HELD < time < HELD + 1.0 else force
 
+
+def test_fault_is_cleared_between_two_cycles():
+    """The operator may disable and enable pressing within a cycle, or without a goal."""
+    pressing = press(600.0, 40.0, sensor=stuck).pressing
+    assert pressing.reason
+    pressing.change_settings(replace(SETTINGS, enabled=False))
+    pressing.change_settings(SETTINGS)
+    assert pressing.outcome == (
+        'not pressing: the head presses from its next goal on; next: send a goal'
+    )
+    pressing.follow_goal()
+    again = press(600.0, pressing=pressing, start=40.0)
+    assert again.pressing.mode is PressMode.HOLDING
+
+
+def test_fault_lasts_until_pressing_is_disabled_and_enabled():
     pressing = press(600.0, 40.0, sensor=stuck).pressing
     assert pressing.mode is PressMode.RETRACTED
-    pressing.settings = replace(SETTINGS, enabled=False)
+    pressing.change_settings(replace(SETTINGS, enabled=False))
     off = press(600.0, 5.0, pressing=pressing, start=40.0)
     assert pressing.mode == PressMode.OFF
     assert pressing.outcome == 'not pressing'
     assert off.offsets[-1] == -SETTINGS.retreat
     assert pressing.is_force_reached
-    pressing.settings = SETTINGS
+    pressing.change_settings(SETTINGS)
     press(600.0, 1.0, pressing=pressing, start=45.0)
     assert pressing.mode is PressMode.OFF
     pressing.follow_goal()
@@ -399,7 +414,7 @@ def test_disabled_pressing_leaves_the_wall_before_its_goal(stiffness):
         stiffness, 25.0, stiffness=stiffness, wall=lambda _: -0.035
     ).pressing
     assert pressing.mode is PressMode.HOLDING
-    pressing.settings = replace(pressing.settings, enabled=False)
+    pressing.change_settings(replace(pressing.settings, enabled=False))
     run = press(stiffness, 10.0, pressing=pressing, start=25.0, wall=lambda _: -0.035)
     assert run.forces.max() < 35.0
     assert run.offsets[-1] == pytest.approx(-SETTINGS.retreat)
