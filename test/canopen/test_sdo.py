@@ -122,6 +122,10 @@ def test_download_request_of_cia_301_begins_a_write(first, begins_write):
     assert is_write(bytes([first, 0x65, 0x60, 0, 0, 0, 0, 0])) is begins_write
 
 
+def test_request_without_data_begins_no_write():
+    assert not is_write(b'')
+
+
 @pytest.mark.parametrize(
     'frames',
     [(), (OTHER,), (OTHER, VALUE), (b'', VALUE), (b'\x43', VALUE), (VALUE[:7], VALUE)],

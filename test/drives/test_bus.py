@@ -154,6 +154,7 @@ FRAMES = {
     'SYNC (080h)': (0x080, b''),
     'process data for node 3': (pdo.RPDO1.cob_id(3), bytes(7)),
     'an SDO request to node 1': (0x601, b'\x40\x00\x10' + bytes(5)),
+    'an SDO request to node 2': (0x602, b''),  # without a command
     'an NMT command': (0x000, b'\x01\x00'),
     'an LSS request (7E5h)': (0x7E5, b'\x04\x01' + bytes(6)),
     'process data for node 2': (0x402, bytes(2)),
@@ -424,8 +425,9 @@ def test_object_changed_by_another_master_needs_configure(rig):
     rig.recover()
 
 
-def test_sdo_read_of_another_master_stops_nothing(rig):
+@pytest.mark.parametrize('request_', [b'\x40\x16\x10\x01' + bytes(4), b'\x40', b''])
+def test_sdo_read_of_another_master_stops_nothing(rig, request_):
     at_rest(rig)
-    rig.forge(0x602, b'\x40\x16\x10\x01' + bytes(4))
+    rig.forge(0x602, request_)
     rig.run(0.2)
     assert rig.state is ControllerState.ACTIVE
