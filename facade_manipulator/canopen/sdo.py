@@ -85,7 +85,8 @@ def upload_request(index: int, subindex: int) -> bytes:
 
 def is_write(request: bytes) -> bool:
     """Return whether a request begins a write, either expedited, segmented or in blocks."""
-    return request[0] >> 5 in _WRITE_REQUESTS
+    # servers ignore a request without a command
+    return bool(request) and request[0] >> 5 in _WRITE_REQUESTS
 
 
 # server command specifiers, bits 7 to 5 of the first byte of an answer (CiA 301)
