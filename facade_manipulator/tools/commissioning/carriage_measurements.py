@@ -28,6 +28,7 @@ def run_direction(context: Context) -> None:
         f'{name} stays without power, because its carriage is pushed by hand. '
         f'The direction is written to {context.overlay.path}.'
     )
+    context.begin(f'direction {name}')
     with context.drive(name) as (bus, drive):
 
         def position() -> int:
@@ -61,15 +62,17 @@ def run_direction(context: Context) -> None:
 
 def run_jog(context: Context) -> None:
     """Move a carriage by a distance."""
-    _move(context, context.options.distance)
-    context.record(f'jog {context.options.axis}', {})
+    step = f'jog {context.options.axis}'
+    _move(context, step, context.options.distance)
+    context.record(step, {})
 
 
-def _move(context: Context, distance: float) -> float:
+def _move(context: Context, step: str, distance: float) -> float:
     """Move by a distance [m]; print and return the displacement measured by the encoder [m]."""
     name = context.options.axis
     speed = context.options.speed
-    with powered(context, f'by {MM * distance:+g} mm', abs(distance), speed) as motion:
+    action = f'by {MM * distance:+g} mm'
+    with powered(context, step, action, abs(distance), speed) as motion:
         for _ in motion.go(math.copysign(speed, distance)):
             pass
         went = motion.rest()[name].position or 0.0
@@ -84,7 +87,8 @@ def run_lead(context: Context) -> None:
     print(
         f'Mark the place of carriage {name}. The lead is written to {context.overlay.path}.'
     )
-    went = MM * _move(context, context.options.travel)
+    step = f'lead {name}'
+    went = MM * _move(context, step, context.options.travel)
     text = context.options.measured or context.ask(
         'How many mm on the ruler (to the left: negative)?', '--measured'
     )
@@ -98,7 +102,7 @@ def run_lead(context: Context) -> None:
             f'measure again, or commission direction {name} if the carriage moved the other way'
         )
     print(f'{name}: lead {MM * lead * ratio:.3f} mm (was {MM * lead:g} mm)')
-    context.record(f'lead {name}', {f'{name}.lead': round(lead * ratio, 6)})
+    context.record(step, {f'{name}.lead': round(lead * ratio, 6)})
 
 
 _APPROACH = 5e-4  # m/s, speed towards the switch
@@ -118,6 +122,7 @@ def run_home_switch(context: Context) -> None:
     side = 1 if context.options.towards == '+' else -1
     with powered(
         context,
+        f'home-switch {name}',
         f'{count} times to the home switch of {name} and back',
         context.options.window,
         speed,
@@ -199,6 +204,7 @@ def run_lag(context: Context) -> None:
     errors = []
     with powered(
         context,
+        'lag',
         f'back and forth by {MM * _LAG_TRAVEL:g} mm',
         _LAG_TRAVEL,
         max(_LAG_SPEEDS),

@@ -9,6 +9,8 @@ CiA 305, Layer setting services and protocols.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from canopen.lss import LssError, LssMaster
 
 from facade_manipulator.canopen import indices
@@ -35,6 +37,7 @@ def run_scan(context: Context) -> None:
     """Print the nodes on the bus; fail if they do not match the parameters."""
     problems = []
     with context.bus() as bus:
+        context.begin('scan')
         serials = bus.serial_numbers(NODE_IDS)
         known = set().union(*serials.values())
         master = lss_master(bus, context.options.lss_timeout)
@@ -78,6 +81,7 @@ def _is_drive(bus: ToolBus, node_id: int) -> bool:
 
 def run_assign(context: Context) -> None:
     """Assign each drive the node id of its carriage, store it in the drive, and record it."""
+    previous = {name: axis.serial_number for name, axis in context.axes.items()}
     node_ids = {name: axis.node_id for name, axis in context.axes.items()}
     serials = context.options.serials or []
     if len({*serials}) < len(serials):
@@ -97,6 +101,7 @@ def run_assign(context: Context) -> None:
         'Drives without a stored node id use the old id after power off and on'
     )
     with context.bus() as bus:
+        context.begin('assign')
         master = lss_master(bus, context.options.lss_timeout)
         _configure(bus, master, UNCONFIGURED)
         while found := find_unknown_slave(master, seen.__contains__):
@@ -116,6 +121,12 @@ def run_assign(context: Context) -> None:
                     f'. {name} has stored node id {node_ids[name]} (serial number '
                     f'{found.serial_number})'
                 )
+    changed = [name for name in given if given[name].serial_number != previous[name]]
+    if repeated := context.overlay.undo(_steps_of_new_drives(changed)):
+        print(
+            f'another drive moves {", ".join(changed)}; next: repeat '
+            f'{", ".join(repeated)}'
+        )
     if missing := node_ids.keys() - given.keys():
         raise CommissioningError(
             f'no drive was found with fastscan for {", ".join(sorted(missing))}; next: check '
@@ -137,6 +148,15 @@ def run_assign(context: Context) -> None:
             },
         },
     )
+
+
+def _steps_of_new_drives(axes: Sequence[str]) -> list[str]:
+    """Return the steps whose results depend on the drives of axes, not on their screws."""
+    if not axes:
+        return []
+    commands = ('profile --check', 'direction', 'jog', 'home-switch')
+    of_axes = [f'{command} {axis}' for command in commands for axis in axes]
+    return ['scan', *of_axes, 'lag', 'stop-test']
 
 
 def _axis_of(context: Context, found: Identity) -> str:

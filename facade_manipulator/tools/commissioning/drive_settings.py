@@ -47,6 +47,7 @@ def run_profile(context: Context) -> None:
         axis = context.axes[name]
         profile = load_profile(axis.profile)
         writes = configuration.drive_writes(profile, axis, context.controller)
+        context.begin(f'profile --check {name}')
         with context.drive(name, profile.eds) as (bus, drive):
             compared = bus.run(configuration.check(drive, writes))
             print(
@@ -107,6 +108,7 @@ def run_backup(context: Context) -> None:
     name = context.options.axis
     eds = context.options.eds or load_profile(context.axes[name].profile).eds
     path = context.options.file or context.overlay.path.with_name(f'machine.{name}.dcf')
+    context.begin(f'backup {name}')
     with context.drive(name) as (bus, drive):
         dictionary = read_dictionary(eds, drive.node_id)
         objects = variables(dictionary)

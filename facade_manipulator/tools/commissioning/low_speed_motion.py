@@ -207,10 +207,12 @@ def _narrowed(axis: AxisSettings, window: float, speed: float) -> AxisSettings:
 
 @contextmanager
 def powered(
-    context: Context, action: str, window: float, speed: float
+    context: Context, step: str, action: str, window: float, speed: float
 ) -> Iterator[Motion]:
     """
     Ask the operator, then yield the powered carriages; all three move equally, or only one.
+
+    From the answer on, the step is not complete until it succeeds.
 
     The carriages always come to rest and are switched off when the block ends.
     """
@@ -226,6 +228,7 @@ def powered(
         f'{MM * speed:g} mm/s and {MM * window:.0f} mm from their present positions. Keep '
         'clear, with the emergency stop in your hand.'
     )
+    context.begin(step)
     motion = Motion(context, moved, window, speed)
     # a closed terminal stops the carriages like Ctrl-C
     for number in (signal.SIGHUP, signal.SIGTERM):

@@ -8,7 +8,7 @@ one file, `Overlay`, which nodes load after the parameter file.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 import re
@@ -67,17 +67,33 @@ class Overlay:
         steps.pop(step, None)
         if is_done:
             steps[step] = time.strftime('%Y-%m-%d %H:%M')
-        content = read_value(self._text()) or {}
+        content = self._content()
         for name, value in results.items():
             group, _, key = name.partition('.')
             driver = content.setdefault('/**/driver', {}).setdefault(
                 'ros__parameters', {}
             )
             driver.setdefault(group, {})[key] = value
+        self._save(steps, content)
+
+    def undo(self, names: Collection[str]) -> list[str]:
+        """Record that steps are no longer complete; return those that were complete."""
+        steps = self.steps()
+        undone = [name for name in names if name in steps]
+        if undone:
+            left = {name: when for name, when in steps.items() if name not in undone}
+            self._save(left, self._content())
+        return undone
+
+    def _save(self, steps: Mapping[str, str], content: Mapping[str, Any]) -> None:
         done = [f'# done: {name} at {when}' for name, when in steps.items()]
         text = yaml.safe_dump(content, sort_keys=False) if content else ''
         with atomic_write(self.path) as draft:
             draft.write_text('\n'.join([self.HEADER, *done, text]), 'utf-8')
+
+    def _content(self) -> dict[str, Any]:
+        """Return the sections of the file."""
+        return read_value(self._text()) or {}
 
     def _text(self) -> str:
         return self.path.read_text('utf-8', 'replace') if self.path.exists() else ''
@@ -125,6 +141,11 @@ class Context:
             name: load_profile(axis.profile).applied(axis)
             for name, axis in zip(AXIS_NAMES, axes, strict=True)
         }
+
+    def begin(self, step: str) -> None:
+        """Record that a repeated step is not complete until it succeeds again."""
+        if self.overlay.undo([step]):
+            self.written = f'{step}: no longer done'
 
     def record(
         self, step: str, results: Mapping[str, Any], problems: Sequence[str] = ()

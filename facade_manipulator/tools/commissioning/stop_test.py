@@ -87,9 +87,8 @@ def run_stop_test(context: Context) -> None:
     problems: list[str] = []
     coasting = math.inf
     for direction, way in zip((1, -1, 1), REMEDIES, strict=True):
-        with powered(
-            context, f'back and forth, and stopped by {way}', window, speed
-        ) as motion:
+        action = f'back and forth, and stopped by {way}'
+        with powered(context, 'stop-test', action, window, speed) as motion:
             track = _stopped(motion, direction * speed, way)
             bounds = _bounds(motion, track, way)
         found: list[str] = []  # problems of this stop

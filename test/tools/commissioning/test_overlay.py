@@ -2,6 +2,7 @@
 
 import pytest
 
+from facade_manipulator.kinematics.geometry import AXIS_NAMES
 from facade_manipulator.parameters import read_parameters
 from facade_manipulator.tools.commissioning.__main__ import main, STEPS
 from facade_manipulator.tools.commissioning.procedure import Overlay
@@ -70,6 +71,82 @@ def test_parameter_that_the_user_file_overrides_is_rejected(rig, tmp_path, rejec
     said = rejected('lead', 'q1', '--travel', '6', '--measured', '3')
     assert 'q1.lead: 0.01 has no effect: manipulator.yaml overrides it' in said
     assert 'lead q1' not in rig.overlay.steps()
+
+
+STEPS_OF_COMMANDS = {
+    'scan': ('scan',),
+    'assign': ('assign', '--serials', '1', '2', '3'),
+    'profile --check q1': ('profile', 'q1', '--check'),
+    'backup q1': ('backup', 'q1'),
+    'direction q1': ('direction', 'q1'),
+    'jog q1': ('jog', 'q1', '5'),
+    'lead q1': ('lead', 'q1', '--travel', '5', '--measured', '5'),
+    'home-switch q1': ('home-switch', 'q1', '--window', '5'),
+    'lag': ('lag',),
+    'stop-test': ('stop-test',),
+}
+
+
+@pytest.mark.parametrize('step', STEPS_OF_COMMANDS)
+def test_repeated_step_that_fails_is_no_longer_done(rig, rejected, step):
+    for other in [*STEPS, step]:
+        rig.overlay.write(other, {})
+    rig.drives[0].is_silent = True
+    said = rejected(*STEPS_OF_COMMANDS[step])
+    assert step not in rig.overlay.steps()
+    assert 'lead q2' in rig.overlay.steps()
+    assert f'Written into machine.yaml: {step}: no longer done' in said
+
+
+def test_failed_step_that_was_never_done_writes_no_file(make_rig, rejected):
+    rig = make_rig('--new')
+    assert 'Written into machine.yaml: nothing' in rejected('scan')
+    assert not rig.overlay.path.exists()
+
+
+@pytest.mark.parametrize('step', set(STEPS_OF_COMMANDS) - {'scan', 'backup q1'})
+def test_step_that_the_operator_declines_stays_done(rig, rejected, step):
+    rig.overlay.write(step, {})
+    rig.answers['Do this'] = 'n'
+    rejected(*STEPS_OF_COMMANDS[step], yes=False)
+    assert step in rig.overlay.steps()
+
+
+def assign_other_drives(rig, *numbers: int) -> None:
+    """Complete all steps for three drives; then replace drives, and assign them."""
+    serials = {f'q{number}.serial_number': number for number in (1, 2, 3)}
+    rig.overlay.write('assign', serials)
+    for step in [*STEPS, *(f'home-switch {axis}' for axis in AXIS_NAMES)]:
+        rig.overlay.write(step, {})
+    for number in numbers:
+        rig.drives[number - 1].objects.defaults[0x1018, 4] = 70 + number
+    rig.power_cut()
+    words = [str(drive.objects.values[0x1018, 4]) for drive in rig.drives]
+    assert rig.run('assign', '--serials', *words) == 0
+
+
+def test_assign_of_another_drive_requires_its_steps_again(rig, capsys):
+    assign_other_drives(rig, 2)
+    repeated = [
+        'scan',
+        'profile --check q2',
+        'direction q2',
+        'jog q2',
+        'home-switch q2',
+        'lag',
+        'stop-test',
+    ]
+    left = rig.overlay.steps().keys()
+    assert {*STEPS} - left == {*repeated} - {'home-switch q2'}
+    assert 'home-switch q2' not in left
+    assert {'lead q2', 'backup q2', 'direction q1', 'home-switch q1'} <= left
+    said = capsys.readouterr().out
+    assert f'another drive moves q2; next: repeat {", ".join(repeated)}' in said
+
+
+def test_assign_of_the_same_drives_keeps_all_steps(rig):
+    assign_other_drives(rig)
+    assert rig.overlay.steps().keys() >= {*STEPS}
 
 
 @pytest.mark.parametrize(
