@@ -2,7 +2,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from facade_manipulator.canopen import emcy
 from facade_manipulator.canopen.emcy import error_code, Fault, fault, is_error_reset
+from facade_manipulator.errors import ParameterError
 
 CODES = st.integers(0x100, 0xFFFF)  # of faults
 
@@ -57,10 +59,23 @@ def test_other_codes_keep_the_home_position(code):
 
 def test_code_in_profile_precedes_the_table():
     """FF02h is a watchdog for maxon and a wrong bit for Technosoft (iPOS, emergency codes)."""
-    own = {0xFF02: Fault('the watchdog has come')}
+    own = {'FF02': Fault('the watchdog has come')}
     assert 'watchdog' in fault(0xFF02, own).message
     assert 'watchdog' not in fault(0xFF02, {}).message
     assert fault(0x7305, own).loses_position
+
+
+def test_wide_row_of_a_profile_precedes_the_table():
+    own = {'8Axx': Fault('the ramp has failed'), '8A80': Fault('the switch has failed')}
+    assert 'ramp' in fault(0x8A81, own).message
+    assert 'switch' in fault(0x8A80, own).message
+
+
+def test_code_without_quotes_in_the_table_is_rejected(tmp_path, monkeypatch):
+    (tmp_path / 'error_codes.yaml').write_text('8120: {message: error passive}')
+    monkeypatch.setattr(emcy, 'config_path', lambda name: tmp_path / name)
+    with pytest.raises(ParameterError, match=r"error_codes.yaml.* 8120 .*next.*'8120'"):
+        emcy.read_faults.__wrapped__()
 
 
 def test_error_code_is_in_the_first_two_bytes():

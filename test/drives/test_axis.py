@@ -148,7 +148,7 @@ def test_warning_stops_nothing_until_the_drive_faults():
     Faulhaber's 43F0h (communications manual 7000.05050, table 9) sets 'current' in 1001h, so
     this register does not help. Other makers set only bit 7 of the statusword.
     """
-    axis = made(errors={0x43F0: Fault('it is warm', 'let it cool', is_warning=True)})
+    axis = made(errors={'43F0': Fault('it is warm', 'let it cool', is_warning=True)})
     assert emergency(0x43F0)(axis) is None
     warned = axis.snapshot(None, T)
     expected = 'it reports a warning: it is warm (error code 43F0h): let it cool'

@@ -7,6 +7,7 @@ import yaml
 
 from facade_manipulator import package_files
 from facade_manipulator.canopen import pdo
+from facade_manipulator.canopen.emcy import fault
 from facade_manipulator.canopen.eds import read_dictionary, variables
 from facade_manipulator.drives import profile
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
@@ -147,6 +148,33 @@ def test_missing_profile_or_data_folder_is_rejected(tmp_path, monkeypatch, name)
                 (0xFF02, {}, 'message'),
             )
         ),
+        *(
+            (entry('epos4', errors={code: {'message': ''}}), words)
+            for code, words in (
+                (7580, "error code 7580 .*; next: .* '7580' or '1D9C'"),
+                ('8a80', "error code '8a80'"),
+                ('A80', "error code 'A80'"),
+                ('8x80', "error code '8x80'"),
+                (0x10000, 'error code 65536'),
+                (True, 'error code True'),
+            )
+        ),
+        *(
+            (entry('epos4', **{name: value}), f'{name} = {value!r}')
+            for name, value in (
+                ('vendor_id', '0xFB'),
+                ('vendor_id', -1),
+                ('product_code', 2**32),
+            )
+        ),
+        *(
+            (entry('epos4', homing_methods=[37, method]), f'homing_methods = {method!r}')
+            for method in ('17', 128, 1.0)
+        ),
+        (
+            entry('epos4', input_polarity={'index': 0x3141, 'subindex': 2, 'shift': 32}),
+            'shift = 32',
+        ),
         (with_pdos(TPDO1=[0x6041, 0x6061]), 'no TPDO maps object 6064h'),
         (with_pdos(RPDO1=[0x6040, 0x607A]), 'no RPDO maps object 6060h'),
         (
@@ -165,6 +193,15 @@ def test_missing_profile_or_data_folder_is_rejected(tmp_path, monkeypatch, name)
 def test_invalid_profile_is_rejected_with_file_and_reason(tmp_path, data, words):
     with pytest.raises(ParameterError, match=f'mine.yaml.*{words}'):
         load_profile(write(tmp_path, data))
+
+
+@pytest.mark.parametrize('code', ['8A80', '8A8x', 0x8A80])
+def test_error_code_of_a_profile_has_its_meaning(tmp_path, code):
+    meaning = {'message': 'the encoder has failed', 'loses_position': True}
+    profile = load_profile(write(tmp_path, entry('epos4', errors={code: meaning})))
+    found = fault(0x8A80, profile.errors)
+    assert found.loses_position
+    assert found.message == 'the encoder has failed (error code 8A80h)'
 
 
 @pytest.mark.parametrize('name', Quirks._fields)
