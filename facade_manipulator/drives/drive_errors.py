@@ -19,7 +19,7 @@ class DriveErrors:
     """
 
     def __init__(
-        self, name: str, title: str, meanings: Mapping[int, Fault], encoder: Encoder
+        self, name: str, title: str, meanings: Mapping[str, Fault], encoder: Encoder
     ) -> None:
         self._name = name
         self._title = title

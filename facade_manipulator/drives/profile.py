@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from facade_manipulator.canopen import cob_ids, indices, pdo
-from facade_manipulator.canopen.emcy import Fault
+from facade_manipulator.canopen.emcy import Fault, row_of
 from facade_manipulator.canopen.nmt import SupervisedHeartbeat
 from facade_manipulator.canopen.pdo import Pdo
 from facade_manipulator.drives.axis_settings import AxisSettings
@@ -64,6 +64,10 @@ _SWITCHES = [name for name, value in Quirks()._asdict().items() if value is Fals
 _ALLOWED: dict[str, Sequence[Any]] = {
     'index': indices.OBJECTS,
     'subindex': range(255),
+    'shift': range(32),
+    'homing_methods': range(-128, 128),  # 6098h is a signed byte
+    'vendor_id': range(2**32),
+    'product_code': range(2**32),
     'lost_master_reaction': indices.OBJECTS,
     'cyclic_bit_4': CYCLIC_BIT_4,
     'boot_time': range(LONGEST_BOOT_TIME + 1),
@@ -97,8 +101,8 @@ class DriveProfile:
     )
     #: index of the reaction of the drive to a lost master; the value 0 disables it
     lost_master_reaction: int = indices.ABORT_CONNECTION_OPTION
-    #: the maker's own meanings of error codes (603Fh, emergency messages)
-    errors: Mapping[int, Fault] = field(default_factory=dict)
+    #: the maker's own meanings of error codes (603Fh, emergency messages), by `row_of`
+    errors: Mapping[str, Fault] = field(default_factory=dict)
 
     @property
     def tpdos(self) -> tuple[Pdo, ...]:
@@ -277,7 +281,7 @@ def _parse(name: str, path: Path, text: str) -> DriveProfile:
 
     errors = {}
     for code, meaning in data.get('errors', {}).items():
-        errors[code] = _record(Fault, meaning)
+        errors[row_of(code)] = _record(Fault, meaning)
     entries['errors'] = errors
 
     if 'pdos' in data:
