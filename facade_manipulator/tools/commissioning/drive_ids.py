@@ -95,43 +95,20 @@ def run_assign(context: Context) -> None:
         f'node id of its carriage ({shown}). Serial numbers and profile are written to '
         f'{context.overlay.path}. No carriage moves.'
     )
-    given: dict[str, Identity] = {}
-    seen: set[Identity] = set()
     context.state = (
         'Drives without a stored node id use the old id after power off and on'
     )
     with context.bus() as bus:
         context.begin('assign')
-        master = lss_master(bus, context.options.lss_timeout)
-        _configure(bus, master, UNCONFIGURED)
-        while found := find_unknown_slave(master, seen.__contains__):
-            seen.add(found)
-            spare = NODE_IDS[-len(seen)]  # so that only this node answers on it
-            _configure(bus, master, spare, found)
-            name = _axis_of(context, found) if _is_drive(bus, spare) else ''
-            if name in given:
-                raise CommissioningError(
-                    f'{name} rejected: it already has a drive; next: answer with another carriage'
-                )
-            if name:
-                _configure(bus, master, node_ids[name], found, is_stored=True)
-                bus.reset(node_ids[name])
-                given[name] = found
-                context.state += (
-                    f'. {name} has stored node id {node_ids[name]} (serial number '
-                    f'{found.serial_number})'
-                )
+        given, spare_drives = _assigned_drives(context, bus, node_ids)
     changed = [name for name in given if given[name].serial_number != previous[name]]
     if repeated := context.overlay.undo(_steps_of_new_drives(changed)):
         print(
             f'another drive moves {", ".join(changed)}; next: repeat '
             f'{", ".join(repeated)}'
         )
-    if missing := node_ids.keys() - given.keys():
-        raise CommissioningError(
-            f'no drive was found with fastscan for {", ".join(sorted(missing))}; next: check '
-            'its plug, assign --lss-timeout 0.5, or use its switches or the tool of its maker'
-        )
+    if missing := [name for name in node_ids if name not in given]:
+        raise _missing_drives(missing, spare_drives, serials)
     profile, *others = {fitting_profile(*one[:2]) for one in given.values()}
     if others:
         raise CommissioningError(
@@ -150,6 +127,43 @@ def run_assign(context: Context) -> None:
     )
 
 
+def _assigned_drives(
+    context: Context, bus: ToolBus, node_ids: dict[str, int]
+) -> tuple[dict[str, Identity], list[int]]:
+    """
+    Assign node ids to the drives of the axes; return these drives by axis.
+
+    Also return the serial numbers of the drives without a carriage.
+    """
+    given: dict[str, Identity] = {}
+    spare_drives: list[int] = []
+    seen: set[Identity] = set()
+    master = lss_master(bus, context.options.lss_timeout)
+    _configure(bus, master, UNCONFIGURED)
+    while found := find_unknown_slave(master, seen.__contains__):
+        seen.add(found)
+        spare_id = NODE_IDS[-len(seen)]  # so that only this node answers on it
+        _configure(bus, master, spare_id, found)
+        if not _is_drive(bus, spare_id):
+            continue
+        name = _axis_of(context, found)
+        if not name:
+            spare_drives.append(found.serial_number)
+            continue
+        if name in given:
+            raise CommissioningError(
+                f'{name} rejected: it already has a drive; next: answer with another carriage'
+            )
+        _configure(bus, master, node_ids[name], found, is_stored=True)
+        bus.reset(node_ids[name])
+        given[name] = found
+        context.state += (
+            f'. {name} has stored node id {node_ids[name]} (serial number '
+            f'{found.serial_number})'
+        )
+    return given, spare_drives
+
+
 def _steps_of_new_drives(axes: Sequence[str]) -> list[str]:
     """Return the steps whose results depend on the drives of axes, not on their screws."""
     if not axes:
@@ -157,6 +171,39 @@ def _steps_of_new_drives(axes: Sequence[str]) -> list[str]:
     commands = ('profile --check', 'direction', 'jog', 'home-switch')
     of_axes = [f'{command} {axis}' for command in commands for axis in axes]
     return ['scan', *of_axes, 'lag', 'stop-test']
+
+
+def _missing_drives(
+    missing: Sequence[str], spare_drives: Sequence[int], serials: Sequence[int]
+) -> CommissioningError:
+    """
+    Return the error for axes without a drive; the caller raises it.
+
+    `spare_drives` are the serial numbers of the drives that were found for no carriage, `serials`
+    those of the option, which is empty if the operator was asked.
+    """
+    axes = ', '.join(missing)
+    if not spare_drives:
+        return CommissioningError(
+            f'no drive was found with fastscan for {axes}; next: check its plug, assign '
+            '--lss-timeout 0.5, or use its switches or the tool of its maker'
+        )
+    spare = f'found for no carriage: {", ".join(map(str, sorted(spare_drives)))}'
+    if serials:
+        given = dict(zip(AXIS_NAMES, serials, strict=True))
+        absent = ', '.join(f'{name}: {given[name]}' for name in missing)
+        message = (
+            f'--serials rejected: no drive has these serial numbers ({absent}); drives {spare}; '
+            'next: correct --serials'
+        )
+    else:
+        message = (
+            f'{axes} rejected: drives {spare}; next: repeat commission assign, and answer with '
+            'the carriages'
+        )
+    if len(spare_drives) < len(missing):
+        message += f', and check the plugs of the other drives of {axes}'
+    return CommissioningError(message)
 
 
 def _axis_of(context: Context, found: Identity) -> str:

@@ -272,10 +272,59 @@ def test_drives_without_lss_need_the_tool_of_their_maker(make_rig, rejected):
     assert 'in the tool of their maker' in rejected(*ASSIGN)
 
 
-def test_missing_serial_number_names_the_axis(make_rig, rejected):
+@pytest.mark.parametrize(
+    ('serials', 'missing', 'spare'),
+    [
+        ('4711 4712 4731', 'q3: 4731', '4713'),
+        ('1 4712 2', 'q1: 1, q3: 2', '4711, 4713'),
+        ('1 2 3', 'q1: 1, q2: 2, q3: 3', '4711, 4712, 4713'),
+    ],
+)
+def test_mistyped_serial_number_is_named_with_drives_found(
+    make_rig, rejected, serials, missing, spare
+):
     make_rig('--new')
-    reason = rejected('assign', '--serials', '4711', '4712', '1')
-    assert 'no drive was found with fastscan for q3' in reason
+    reason = rejected('assign', '--serials', *serials.split())
+    assert (
+        f'--serials rejected: no drive has these serial numbers ({missing})' in reason
+    )
+    assert f'found for no carriage: {spare}; next: correct --serials' in reason
+    assert 'plug' not in reason
+
+
+@pytest.mark.parametrize(
+    ('answers', 'missing', 'spare'),
+    [
+        (('', '', ''), 'q1, q2, q3', '4711, 4712, 4713'),
+        (('q1', '', 'q3'), 'q2', '4712'),
+    ],
+)
+def test_answer_nothing_leaves_a_carriage_without_drive(
+    make_rig, rejected, answers, missing, spare
+):
+    rig = make_rig('--new')
+    rig.answers = dict(zip(map(str, SERIALS), answers, strict=True))
+    reason = rejected('assign', yes=False)
+    assert f'{missing} rejected: drives found for no carriage: {spare}' in reason
+    assert 'next: repeat commission assign, and answer with the carriages' in reason
+    assert 'plug' not in reason
+
+
+def test_missing_drive_is_searched_with_fewer_spare_drives(make_rig, rejected):
+    rig = make_rig('--new')
+    rig.drives[2].is_silent = True
+    reason = rejected('assign', '--serials', '4711', '1', '4713')
+    assert '(q2: 1, q3: 4713)' in reason
+    assert (
+        'found for no carriage: 4712; next: correct --serials, and check the' in reason
+    )
+
+
+def test_drive_that_is_not_found_names_its_axis(make_rig, rejected):
+    rig = make_rig('--new')
+    rig.drives[2].is_silent = True
+    reason = rejected('assign', '--serials', *map(str, SERIALS))
+    assert 'no drive was found with fastscan for q3; next: check its plug' in reason
 
 
 def test_equal_serial_numbers_are_rejected_before_the_first_frame(make_rig, rejected):
