@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 import errno
 import os
 from pathlib import Path
+import stat
 import sys
 
 PACKAGE = Path(__file__).resolve().parent
@@ -77,21 +78,31 @@ def atomic_write(path: Path) -> Iterator[Path]:
     Yield the path of a draft, which replaces the file if the block raises no exception.
 
     After an exception the previous file stays. After a loss of power, one of the two files is
-    complete. A file that is a mount point cannot be replaced: it is copied to ``NAME.bak`` and
-    then overwritten. Raises an OSError with the path of the file instead of the draft's.
+    complete. The file keeps its mode, and its owner and group if this user may set them. A
+    symbolic link remains, and its target is replaced. A file that is a mount point cannot be
+    replaced: it is copied to ``NAME.bak`` and then overwritten. The draft of a FIFO or a device is
+    the path itself. Raises an OSError with the path of the file instead of the draft's.
     """
-    draft = path.with_name(f'.{path.name}.part')
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    # beside the target of a link, which may be on another file system
+    target = Path(os.path.realpath(path))
+    draft = target.with_name(f'.{target.name}.part')
     try:
         yield draft
         with draft.open('rb+') as file:
+            if target.exists():
+                _copy_access(target.stat(), file.fileno())
             os.fsync(file.fileno())
         try:
-            draft.replace(path.resolve())
+            draft.replace(target)
         except OSError as error:
             if error.errno != errno.EBUSY:
                 raise
-            _write_synchronised(path.with_name(f'{path.name}.bak'), path.read_bytes())
-            _write_synchronised(path, draft.read_bytes())
+            backup = target.with_name(f'{target.name}.bak')
+            _write_synchronised(backup, target.read_bytes())
+            _write_synchronised(target, draft.read_bytes())
     except OSError as error:
         if error.filename == str(draft):
             raise OSError(error.errno, error.strerror, str(path)) from error
@@ -99,6 +110,15 @@ def atomic_write(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             draft.unlink()
+
+
+def _copy_access(status: os.stat_result, file: int) -> None:
+    """Give an open file the owner, the group and the mode of another file."""
+    # only root can give a file away; the group can be one of the groups of this user
+    for owner, group in ((status.st_uid, -1), (-1, status.st_gid)):
+        with suppress(PermissionError):
+            os.fchown(file, owner, group)
+    os.fchmod(file, stat.S_IMODE(status.st_mode))
 
 
 def _write_synchronised(path: Path, content: bytes) -> None:
