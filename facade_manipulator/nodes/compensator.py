@@ -22,9 +22,10 @@ from facade_manipulator import topics
 from facade_manipulator.compensation import compensation_diagnostics
 from facade_manipulator.compensation.contact import LateralSettings
 from facade_manipulator.compensation.contact_phases import ContactSettings
+from facade_manipulator.compensation.estimate_source import EstimateSource
 from facade_manipulator.compensation.goal import ArrivalSettings, Goal, GoalTracker
 from facade_manipulator.compensation.pose_compensator import Compensator, CorrectedPose
-from facade_manipulator.errors import InputError, ManipulatorError
+from facade_manipulator.errors import InputError, joined, ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import millimetres
 from facade_manipulator.nodes import command_gate, conversions, planar_messages
@@ -76,6 +77,7 @@ class CompensatorNode(BaseNode):
         accept_changes(self, ContactSettings, 'contact', change_contact)
         change_lateral = self._compensator.change_lateral
         accept_changes(self, LateralSettings, 'lateral', change_lateral)
+        self._source = EstimateSource()
         # of the newest estimate
         self._out_of_plane = planar_messages.OutOfPlane(0.0, 0.0)
 
@@ -190,8 +192,14 @@ class CompensatorNode(BaseNode):
         """
         Pass a disturbance to the compensator, measured at the rail or at an estimator on it.
 
-        Raises an InputError for a malformed or impossible estimate.
+        Raises an InputError for a malformed or impossible estimate, and while estimates arrive on
+        the other topic.
         """
+        now = monotonic()
+        topic = topics.DISTURBANCE
+        if isinstance(message, Odometry):
+            topic = topics.DISTURBANCE_ODOMETRY
+        self._source.require_sole(now, topic.name)
         # only Odometry contains this field
         child = getattr(message, 'child_frame_id', self._frames.rail)
         if not child:
@@ -206,12 +214,13 @@ class CompensatorNode(BaseNode):
         if child != self._frames.rail:
             place = self._compensator.gate.displacement(place)
         self._compensator.add_estimate(
-            monotonic(),
+            now,
             steady_seconds(message.header.stamp),
             place,
             variances,
             self._out_of_plane.tilt,
         )
+        self._source.accept(now, topic.name)
 
     def _reject_estimate(self, _: object, error: ManipulatorError) -> None:
         self._compensator.correction.rejections.add(monotonic(), error)
@@ -280,13 +289,18 @@ class CompensatorNode(BaseNode):
         self._goals.update(now)
         self.diagnostics.publish_change(
             compensation_diagnostics.correction_outcome(
-                self._compensator, now, self.inputs.fault
+                self._compensator, now, self._input_fault(now)
             )
         )
 
+    def _input_fault(self, now: float) -> str:
+        """Return the input topics with two publishers, and two topics with estimates."""
+        return joined(self.inputs.fault, self._source.fault(now))
+
     def _components(self) -> list[DiagnosticStatus]:
+        now = monotonic()
         correction = compensation_diagnostics.correction_component(
-            self._compensator, monotonic(), self.inputs.fault, self._out_of_plane
+            self._compensator, now, self._input_fault(now), self._out_of_plane
         )
         components = [
             correction,

@@ -1,6 +1,7 @@
 """Compensator node among a supervisor, an estimator, sensors and the driver."""
 
 import math
+from time import monotonic
 from types import SimpleNamespace
 
 from geometry_msgs.msg import (
@@ -252,6 +253,32 @@ def test_odometry_of_rail_or_estimator_is_accepted(ros, child, x):
     for reason, wrong in (('out_of_plane', {'tilt': 0.06}), ('frame', {'child': ''})):
         send(**wrong)
         neighbours.until_rejected(reason)
+
+
+def test_second_topic_with_estimates_is_rejected_and_reported(ros, neighbours):
+    odometry = Odometry(child_frame_id='rail')
+    odometry.pose.pose = pose_message(DISTURBANCE._replace(x=0.03))
+
+    def send():
+        message = neighbours.stamped(odometry, 'facade')
+        neighbours.publish(topics.DISTURBANCE_ODOMETRY, message)
+
+    neighbours._publisher(
+        topics.DISTURBANCE_ODOMETRY
+    )  # discovered before the estimates
+    correction = neighbours.compensation.correction
+    neighbours.repeat(neighbours.estimate)
+    ros.until(lambda: math.isfinite(correction.age(0.0)), 'the first estimate')
+    neighbours.repeat(send)
+    neighbours.until_status(
+        'correction',
+        'estimates arrive on 2 topics (disturbance, disturbance_odometry), above the limit 1; '
+        'next: end one of the nodes',
+        'error',
+    )
+    assert neighbours.tested.diagnostics.rejections()['rejected: publishers']
+    predicted = correction.predictor.predict(monotonic()).position
+    assert predicted == pytest.approx(DISTURBANCE, abs=1e-3)
 
 
 def test_second_driver_is_named_as_the_cause_of_silence(ros, neighbours):
