@@ -7,8 +7,8 @@ import yaml
 
 from facade_manipulator import package_files
 from facade_manipulator.canopen import pdo
-from facade_manipulator.canopen.emcy import fault
 from facade_manipulator.canopen.eds import read_dictionary, variables
+from facade_manipulator.canopen.emcy import fault
 from facade_manipulator.drives import profile
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.profile import fitting_profile, load_profile, Quirks
