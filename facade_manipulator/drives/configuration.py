@@ -31,7 +31,7 @@ from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import DriveProfile, quantities
 from facade_manipulator.drives.units import COUNTS, VELOCITY_UNITS
-from facade_manipulator.errors import DriveObjectError, ParameterError
+from facade_manipulator.errors import DriveObjectError, NEXT, ParameterError
 
 DEVICE_PROFILE = 402
 Read = Callable[[int, int], Steps['int | None']]
@@ -222,16 +222,17 @@ def unit_conflicts(read: Read, axis: AxisSettings) -> Steps[list[str]]:
         found = yield from read(index, 0)
         if found and (found ^ expected) & used:
             conflicts.append(
-                f'object {index:04X}h:00 = {found:X}h, expected {expected:X}h ({name}): write '
-                'the expected value in the drive, or correct value or unit in the profile'
+                f'object {index:04X}h:00 = {found:X}h, expected {expected:X}h ({name})'
+                f'{NEXT}write the expected value in the drive, or correct value or unit in the '
+                'profile'
             )
     counts = yield from _counts_per_revolution(read)
     if counts is not None and abs(counts - axis.counts_per_revolution) > 0.5:
         # Nanotec's drives have a feed of 1; Novanta's accept 6092h without using it
         conflicts.append(
             f'the gearing in 608Fh, 6091h and 6092h makes {counts:.10g} counts per revolution of '
-            f'the motor, expected {axis.counts_per_revolution}: correct the gearing in the drive '
-            f'(6092h:01 = {axis.counts_per_revolution} for a gear ratio of 1), or correct '
+            f'the motor, expected {axis.counts_per_revolution}{NEXT}correct the gearing in the '
+            f'drive (6092h:01 = {axis.counts_per_revolution} for a gear ratio of 1), or correct '
             'axes.pulses_per_revolution'
         )
     return conflicts
@@ -288,12 +289,16 @@ def check_identity(
         configured = getattr(axis, name)
         if not configured or actual == configured:
             continue
-        remedy = 'this is another drive: correct its node id or the configuration'
+        reason = 'this is another drive'
+        remedy = 'correct its node id or the configuration'
         if not actual:
-            remedy = 'this drive has no such number: configure 0, or check its maker and node id'
+            reason = 'this drive has no such number'
+            remedy = f'set {name} to 0, or check maker and node id of the drive'
         elif name == 'serial_number' and actual in serials:
-            remedy = f'this is the drive of {serials[actual]}: the axes are swapped'
+            reason = f'this is the drive of {serials[actual]}: the axes are swapped'
+            remedy = 'swap the node ids of both drives, or the node_id of both axes'
         raise DriveObjectError(
-            f'{where}: {name} = {actual} is not the configured {configured}: {remedy}'
+            f'{where}: {name} = {actual} is not the configured {configured}: {reason}'
+            f'{NEXT}{remedy}'
         )
     return numbers['serial_number']

@@ -34,6 +34,7 @@ from facade_manipulator.errors import (
     DriveError,
     DriveStateError,
     InputError,
+    joined,
     ManipulatorError,
 )
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
@@ -329,7 +330,7 @@ class DriverNode(ManagedNode):
         for one in statuses:
             if one.level != DiagnosticStatus.OK:
                 failures.append(f'{one.name}: {one.message}')
-        self.report(not failures, '; '.join(failures) or 'self_test passed')
+        self.report(not failures, joined(*failures) or 'self_test passed')
         return SelfTest.Response(
             id=self.get_fully_qualified_name(),
             passed=bytes([not failures]),
