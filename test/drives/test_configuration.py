@@ -286,6 +286,7 @@ def test_units_gearing_and_polarity_match_the_profile(objects, words):
     problems = result_of(found)
     assert len(problems) == bool(words)
     assert words in ''.join(problems)
+    assert all('; next: ' in one for one in problems)
 
 
 AXIS = AxisSettings(node_id=2, vendor_id=0xFB, product_code=7, serial_number=222)

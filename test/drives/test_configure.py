@@ -34,7 +34,12 @@ def test_drive_with_other_identity_is_rejected(make_rig):
     assert not rig.snapshot.notes
     rig.request('cleanup')
     rig.drives[0].set_identity(0, 0, 0, 102)
-    with pytest.raises(DriveError, match='the drive of q2: the axes are swapped'):
+    swapped = (
+        'serial_number = 102 is not the configured 101: this is the drive of q2: the axes are '
+        'swapped; next: swap the node ids of both drives, or the node_id of both axes, then '
+        'configure, home, activate'
+    )
+    with pytest.raises(DriveError, match=f'{swapped}$'):
         rig.request('configure')
 
 
