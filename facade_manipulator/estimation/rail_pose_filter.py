@@ -25,7 +25,7 @@ from facade_manipulator.estimation.imu_checks import (
     SENSOR_CLOCK_TOLERANCE,
     YawComparison,
 )
-from facade_manipulator.estimation.rail_pose_model import X, Y, YAW
+from facade_manipulator.estimation.rail_pose_model import WALL, X, Y, YAW
 from facade_manipulator.estimation.wall_depth_levels import Channel, Level, OUTLIER
 from facade_manipulator.kinematics import Pose, Twist
 
@@ -107,11 +107,19 @@ class DisturbanceEstimator:
 
     def _reset(self, reason: str = '') -> None:
         """Restart all axes; if an axis had started, record the reason as an event."""
+        state = self._process.initial_state()
         if reason:
             self._note('all', f'{reason}: all axes restart')
-        self._history = History(
+            # the wall stays where it was found
+            before = self._history.update().state
+            variance = before.covariance[WALL, WALL]
+            if variance >= 0.0:
+                state.mean[WALL] = before.mean[WALL]
+                state.covariance[WALL, WALL] = variance
+        self._history: History = History(
             self._process, self._correct, self._now - OLDEST_MEASUREMENT
         )
+        self._history.restart(state)
         self._gate.reset()
         self._comparison = YawComparison()
         self.started: set[int] = set()  #: axes that are known
@@ -290,7 +298,7 @@ class DisturbanceEstimator:
         axes = [one for one in sensor.axes if one not in self.started]
         state = self._process.forget(state, axes)
         if isinstance(sensor, rail_pose_model.DistanceSensor):
-            self._place_before_wall(state, ready)
+            state = self._place_before_wall(state, ready)
         else:
             self._place_at(state, ready[0])
         self._history.restart(state)
@@ -329,11 +337,11 @@ class DisturbanceEstimator:
 
     def _place_before_wall(
         self, state: rail_pose_model.FilterState, ready: Sequence[Channel]
-    ) -> None:
+    ) -> rail_pose_model.FilterState:
         """
-        Set the axes of a state that are unknown from the distance sensors.
+        Return a state whose unknown axes are set from the distance sensors.
 
-        An unknown wall distance is computed from y, and is as uncertain as y. If y is unknown,
+        An unknown wall distance is computed from y, and contains the error of y. If y is unknown,
         the rail is at y = 0 and the distance counts as exact.
         """
         middle = self._middle[X].lever
@@ -343,16 +351,19 @@ class DisturbanceEstimator:
         offsets = [level.offset for level in levels] or self._wall_offsets
 
         y = 0.0
-        variance = 0.0
         if Y in self.started:
-            y, jacobian = self._middle[Y].expect(state.mean.tolist(), 0.0)
-            variance = float(jacobian @ state.covariance @ jacobian)
+            y, by_state = self._middle[Y].expect(state.mean.tolist(), 0.0)
+            if not levels:
+                state = self._process.find_wall(state, by_state)
+        wall = 0.0  # m, distance of the wall; 0 is unknown
+        if levels:
+            wall = ready[0].sensor.distance + state.mean[WALL]
         distance, found_y, found_yaw = start.start_at_wall(
-            ready[0].sensor.distance, mountings, values, offsets, y, state.mean[YAW]
+            wall, mountings, values, offsets, y, state.mean[YAW]
         )
         if not levels:
             # all distance sensors share the list
-            levels += [Level(offset, variance) for offset in offsets]
+            levels += map(Level, offsets)
             for channel in self.channels.values():
                 channel.sensor.distance = distance
         if YAW not in self.started:
@@ -360,6 +371,7 @@ class DisturbanceEstimator:
         if Y not in self.started:
             y = found_y
         state.mean[Y] += self._middle[Y].shift(state.mean, y)
+        return state
 
     def _can_define_origin(self, axis: int) -> bool:
         """

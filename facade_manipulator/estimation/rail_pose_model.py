@@ -4,9 +4,10 @@ Model of the filter: state vector, motion between IMU inputs, and measurements.
 The state describes the IMU: position and velocity along the axes of `facade`, yaw ψ, acceleration
 a along the axes of the rail, yaw rate, tilts θ about the rail's x and y, biases of gyroscopes and
 accelerometers. The attitude is the turn ψ about z, then the turn (θ_x, θ_y, 0) about an axis in
-the plane of the rail. Each sensor of the wall adds its own states: the error of the place that it
-measures, and the unknown part of its delay. With the turning rates ω and the specific forces f of
-the IMU less their biases, and without terms of higher order in θ,
+the plane of the rail. A further state is the error of a wall distance that was found, because all
+sensors of the wall share this error. Each sensor of the wall adds its own states: the error of the
+place that it measures, and the unknown part of its delay. With the turning rates ω and the
+specific forces f of the IMU less their biases, and without terms of higher order in θ,
 
     v̇ = R(ψ) a,  a = f + f_z (θ_y, −θ_x),  ψ̇ = ω_z + (θ_x ω_y − θ_y ω_x) / 2,
     θ̇_x = ω_x + ω_z θ_y,  θ̇_y = ω_y − ω_z θ_x.
@@ -22,7 +23,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -45,8 +46,9 @@ from facade_manipulator.kinematics import Pose
     GYROSCOPE_Z,
     ACCELEROMETER_X,
     ACCELEROMETER_Y,
-) = range(15)
-SENSORS = 15  # index of the first state of a sensor of the wall
+    WALL,
+) = range(16)
+SENSORS = 16  # index of the first state of a sensor of the wall
 RATES = [VX, VY, YAW_RATE]
 
 #: Turning rates [rad/s] and specific forces [m/s²] along the rail's axes; None without an IMU.
@@ -96,11 +98,13 @@ class Process:
 
     TILTS = slice(TILT_X, GYROSCOPE_X)
     GYROSCOPES = slice(GYROSCOPE_X, ACCELEROMETER_X)
-    ACCELEROMETERS = slice(ACCELEROMETER_X, SENSORS)
+    ACCELEROMETERS = slice(ACCELEROMETER_X, WALL)
     WITH_IMU, WITHOUT_IMU = range(2)
     # Variances of x, y, yaw and velocity when an axis starts:
     POSE_ON_START = (0.015**2, 0.015**2, 0.05**2)
     VELOCITY_ON_START = 0.15**2
+    # m², of a wall distance that is found beside a known y; the variance of this y is added
+    WALL_ON_START = 0.015**2
     TILT = 3e-3  # rad, standard deviation from level
     TILT_TIME = 1.0  # s, correlation time of the tilts
     # Standard deviations of the biases at start. The filter also finds the biases of a consumer
@@ -110,6 +114,8 @@ class Process:
     # Random walk of the biases: 10 °/h and 0.1 mg of an industrial IMU in the minutes of a warm-up
     GYROSCOPE_WALK = 5e-6  # rad/s/√s
     ACCELEROMETER_WALK = 1e-4  # m/s²/√s
+    # m/√s, of a wall distance that was found: a hoisted rail passes a wall that is not plane
+    WALL_WALK = 5e-5
     # Hz, of the noise in yaw rate and acceleration: about one divided by a step
     BANDWIDTH = 100.0
     # Without an IMU, of a gondola in gusts:
@@ -127,6 +133,7 @@ class Process:
         self._variances[self.TILTS] = self.TILT**2
         self._variances[self.GYROSCOPES] = self.GYROSCOPE_BIAS_ON_START**2
         self._variances[self.ACCELEROMETERS] = self.ACCELEROMETER_BIAS_ON_START**2
+        self._variances[WALL] = self.WALL_ON_START
         self._variances[SENSORS:] = [sensor.deviation**2 for sensor in sensors]
 
         # rates of the decay [1/m and 1/s], the latter with an IMU and without
@@ -158,13 +165,33 @@ class Process:
         )
 
     def initial_state(self) -> FilterState:
-        """Return the initial state, before any measurement."""
-        return FilterState(np.zeros(len(self._variances)), np.diag(self._variances))
+        """Return the initial state, before any measurement; the wall distance is exact."""
+        covariance = np.diag(self._variances)
+        covariance[WALL, WALL] = 0.0
+        return FilterState(np.zeros(len(self._variances)), covariance)
 
     def forget(self, state: FilterState, axes: Sequence[int]) -> FilterState:
         """Return a state in which the given axes and their velocities are unknown."""
+        return self._forget(state, [*axes, *(RATES[axis] for axis in axes)])
+
+    def find_wall(self, state: FilterState, by_state: np.ndarray) -> FilterState:
+        """
+        Return a state after the wall distance was computed from the y of the rail.
+
+        The distance contains the error of this y, of which `by_state` is the derivative by the
+        state, and an error of its own.
+        """
+        state = self._forget(state, [WALL])
+        cross = state.covariance.dot(by_state)
+        state.covariance[WALL] += cross
+        state.covariance[:, WALL] += cross
+        state.covariance[WALL, WALL] += by_state.dot(cross)
+        return state
+
+    def _forget(self, state: FilterState, indices: Sequence[int]) -> FilterState:
+        """Return a state in which the entries with the given indices are unknown."""
         kept = np.ones(len(self._variances))
-        kept[[*axes, *(RATES[axis] for axis in axes)]] = 0.0
+        kept[indices] = 0.0
         covariance = np.outer(kept, kept) * state.covariance
         fresh = np.diag((1.0 - kept) * self._variances)
         return FilterState(kept * state.mean, covariance + fresh)
@@ -175,6 +202,8 @@ class Process:
         # dot() takes two thirds of the time of @.
         covariance: np.ndarray = transition.dot(state.covariance).dot(transition.T)
         covariance = 0.5 * (covariance + covariance.T)  # an asymmetric part would grow
+        if state.covariance[WALL, WALL] > 0.0:  # otherwise the distance is exact
+            noise[WALL] = step * self.WALL_WALK**2
         covariance.reshape(-1)[:: len(mean) + 1] += noise
         return FilterState(mean, covariance)
 
@@ -182,9 +211,7 @@ class Process:
         self, before: np.ndarray, imu: ImuInput, step: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return mean, transition matrix and process noise variances after a step [s]."""
-        x, y, yaw, vx, vy, ax, ay, wz, tilt_x, tilt_y, *biases = before[
-            :SENSORS
-        ].tolist()
+        x, y, yaw, vx, vy, ax, ay, wz, tilt_x, tilt_y, *biases = before[:WALL].tolist()
         mode = self.WITH_IMU if imu else self.WITHOUT_IMU
         speed = math.hypot(vx, vy)
         decays = np.exp(-step * (speed * self._by_distance + self._by_time[mode]))
@@ -280,6 +307,9 @@ class WallSensor(ABC):
     A sensor may add states: the error of the measured place, then the error of the delay.
     """
 
+    #: whether the measurement depends on the distance of the wall
+    is_relative_to_wall: ClassVar[bool] = True
+
     name: str
     axes: tuple[int, ...]  #: measured; the sensor is not used before they have started
     noise: float  #: standard deviation of a measurement [m or rad]
@@ -313,6 +343,7 @@ class WallSensor(ABC):
         place_error, unknown_delay = (*mean[own], 0.0, 0.0)[:2]
         elapsed = time_offset - unknown_delay
         yaw += elapsed * yaw_rate
+        wall = mean[WALL] if self.is_relative_to_wall else 0.0
 
         # pose of the sensor: p + R(ψ) (lever + tilts × lever)
         sx, sy, sz = self.lever
@@ -323,7 +354,7 @@ class WallSensor(ABC):
         along = cosine * sx - sine * sy
         across = sine * sx + cosine * sy
         expected, (by_x, by_y, by_yaw) = self.observe(
-            x + elapsed * vx + along, y + elapsed * vy + across, yaw
+            x + elapsed * vx + along, y + elapsed * vy + across - wall, yaw
         )
         # the state is the pose of the IMU: its yaw also moves the sensor along an arc
         by_yaw += by_y * along - by_x * across
@@ -333,6 +364,8 @@ class WallSensor(ABC):
         jacobian[RATES] = (elapsed * by_x, elapsed * by_y, elapsed * by_yaw)
         jacobian[TILT_X] = sz * (sine * by_x - cosine * by_y)
         jacobian[TILT_Y] = sz * (cosine * by_x + sine * by_y)
+        # a wall that is farther away acts like a rail that is farther from the wall
+        jacobian[WALL] = -by_y if self.is_relative_to_wall else 0.0
         by_delay = -by_x * vx - by_y * vy - by_yaw * yaw_rate
         jacobian[own] = (1.0, by_delay)[: len(self.states)]
         return expected + place_error, jacobian
@@ -375,6 +408,8 @@ class FeatureSensor(WallSensor):
 
 class PoseSensor(WallSensor):
     """Sensor of one axis of the pose of the rail's midpoint."""
+
+    is_relative_to_wall = False
 
     def observe(self, x: float, y: float, yaw: float) -> tuple[float, Sequence[float]]:
         """Return the rail's x, y [m] or yaw [rad] and its derivatives."""

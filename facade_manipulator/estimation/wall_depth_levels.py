@@ -31,8 +31,7 @@ class Level:
     Surface at an offset [m] behind the wall plane, such as a recess or a mullion.
 
     The offset of a found level contains the error of the state at that time. Therefore its
-    measurements reduce the variance of the state at most to the variance of the offset. The same
-    holds for a configured level of a wall whose distance was found.
+    measurements reduce the variance of the state at most to the variance of the offset.
     """
 
     offset: float

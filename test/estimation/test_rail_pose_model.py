@@ -42,12 +42,13 @@ LARGEST = np.array(
         0.01,
         0.1,
         0.1,
+        0.02,
         1e-3,
         1e-3,
         3e-3,
     )
 )
-states = st.lists(st.floats(-1.0, 1.0), min_size=18, max_size=18).map(
+states = st.lists(st.floats(-1.0, 1.0), min_size=19, max_size=19).map(
     lambda shares: LARGEST * shares
 )
 

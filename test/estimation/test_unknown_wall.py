@@ -25,6 +25,7 @@ from facade_manipulator.estimation.rail_pose_filter import (
     DisturbanceEstimator,
     RailMotion,
 )
+from facade_manipulator.estimation.rail_pose_model import WALL as WALL_ERROR
 from facade_manipulator.kinematics import Pose
 
 WALL = 0.45  # m, distance of the wall from place 0 of the rail
@@ -51,6 +52,7 @@ class Rail:
     setup: EstimatorSetup
     begins: dict[str, float]  #: of the sensors' measurements [s], after `START`
     has_imu: bool = True
+    slope: float = 0.0  #: by which the wall recedes [m/s]
     time: float = 0.0  #: [s], after `START`
     motions: list[RailMotion] = field(default_factory=list)
 
@@ -95,7 +97,8 @@ class Rail:
             along = math.cos(yaw) * (MARK - x) + math.sin(yaw) * (WALL - y)
             return along - sx + FIX_NOISE * noise
         sx, sy, _ = self.setup.distances[topic].mounting
-        distance = WALL - y - math.sin(yaw) * sx - math.cos(yaw) * sy
+        wall = WALL + self.slope * self.time
+        distance = wall - y - math.sin(yaw) * sx - math.cos(yaw) * sy
         return distance / math.cos(yaw) + RANGE_NOISE * noise
 
     def errors(self, since: float) -> tuple[np.ndarray, np.ndarray]:
@@ -146,7 +149,52 @@ def wall_distance(rail: Rail, name: str) -> float:
     """Return the wall distance that a sensor uses [m]."""
     channel = rail.estimator.channels[name]
     (level,) = channel.levels
-    return channel.sensor.distance + level.offset
+    correction = rail.estimator._history.update().state.mean[WALL_ERROR]
+    return channel.sensor.distance + level.offset + correction
+
+
+@pytest.mark.parametrize(
+    'begins',
+    [
+        {POSE_Y: 0.0},
+        {POSE_Y: 4.0},
+        {POSE_Y: 0.0, 'range_1': 4.0, 'range_2': 4.0},
+        {POSE_X: 0.0, POSE_Y: 0.0},
+        {POSE_Y: 0.0, POSE_YAW: 0.0},
+    ],
+    ids=['y', 'y_later', 'y_first', 'x_and_y', 'y_and_yaw'],
+)
+def test_uncertain_y_leaves_yaw_as_certain_as_distances_allow(begins):
+    begins = {'range_1': 0.0, 'range_2': 0.0, **begins}
+    settled = max(begins.values()) + SETTLED
+    deviations_of_yaw = []
+    for distance in (WALL, 0.0):
+        setup = replace(UNKNOWN, wall=ProfileSettings(distance=distance))
+        rail = Rail(setup, begins)
+        rail.run(settled)
+        _, deviations = rail.errors(settled - 0.5)
+        deviations_of_yaw.append(deviations[-1, 2])
+    known, unknown = deviations_of_yaw
+    assert unknown < 1.1 * known
+
+
+def test_pose_takes_precedence_over_a_wall_that_is_not_plane():
+    """Let the wall recede by 0.1 mm/s, as in front of a hoisted rail."""
+    rail = Rail(UNKNOWN, {'range_1': 0.0, 'range_2': 0.0, POSE_Y: 0.0}, slope=1e-4)
+    rail.run(60.0)
+    errors, _ = rail.errors(30.0)
+    assert np.abs(errors[:, 1]).max() < POSE_NOISE[1]
+
+
+def test_clock_step_keeps_the_wall_found_beside_a_pose():
+    rail = Rail(UNKNOWN, {'range_1': 0.0, 'range_2': 0.0, POSE_Y: 0.0})
+    rail.run(SETTLED)
+    (_, before, _) = rail.motions[-1].pose
+    rail.steps += round(10.0 / IMU_STEP)
+    del rail.begins[POSE_Y]
+    rail.run(2.0 * SETTLED + 10.0)
+    assert any('all axes restart' in event for event in rail.events)
+    assert rail.motions[-1].pose.y == pytest.approx(before, abs=4e-4)
 
 
 def test_yaw_of_the_pose_alone_leaves_y_at_the_start():
