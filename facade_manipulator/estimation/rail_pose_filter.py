@@ -58,6 +58,9 @@ class DisturbanceEstimator:
     # m², m², rad²: above these variances x, y and yaw count as unknown; ten times the variance is
     # then published
     GIVEN_UP = (0.1, 0.1, 0.01)
+    # m², m², rad²: largest variances of x, y and yaw at the start, which grow until the next
+    # measurement; a coarser measurement does not replace a guess
+    COARSEST_START = (0.09, 0.09, 0.009)
     LOST = 1.0  # s of rejected measurements, after which an axis restarts
     # s without a measurement of the IMU, after which the filter coasts
     IMU_SILENCE = 0.1
@@ -188,10 +191,14 @@ class DisturbanceEstimator:
             if self.fault:
                 self._note('all', self.fault)
 
+        variance = used_variance(variance, sensor.noise)
         if self._is_starting(channel):
-            channel.first.add(stamp, value)
+            axis = sensor.axes[0]
+            if axis in self._guessed and variance > self.COARSEST_START[axis]:
+                channel.counts['too uncertain'] += 1
+            else:
+                channel.first.add(stamp, value, variance)
         elif self._can_use(channel) and stamp > self._history.oldest:
-            variance = used_variance(variance, sensor.noise)
             self._history.add_measurement(Measurement(name, stamp, value, variance))
 
     def advance(self, now: float) -> RailMotion | None:
@@ -268,7 +275,13 @@ class DisturbanceEstimator:
         return state
 
     def _is_starting(self, channel: Channel) -> bool:
-        """Return whether the measurements of a sensor define a place, or replace a guess."""
+        """
+        Return whether the measurements of a sensor define a place, or replace a guess.
+
+        A pose up to `COARSEST_START` replaces a guess, although the guess has a smaller variance.
+        The guess chooses place 0, and its variance describes only the motion of the rail since
+        then. Only the pose relates the rail to the façade.
+        """
         axes = channel.sensor.axes
         is_better = channel.is_absolute and not self._guessed.isdisjoint(axes)
         is_wall_unknown = channel in self._distances and not channel.levels
@@ -391,7 +404,11 @@ class DisturbanceEstimator:
         return True
 
     def _place_at(self, state: rail_pose_model.FilterState, channel: Channel) -> None:
-        """Set the axis that a sensor measures, to explain its first measurements [m or rad]."""
+        """
+        Set the axis that a sensor measures, to explain its first measurements [m or rad].
+
+        The axis is as uncertain as these measurements, up to `COARSEST_START`.
+        """
         sensor = channel.sensor
         value = channel.first.densest()  # m or rad
         if isinstance(sensor, rail_pose_model.FeatureSensor) and not channel.levels:
@@ -400,7 +417,10 @@ class DisturbanceEstimator:
             sensor.feature -= sensor.shift(state.mean, value)
             channel.levels.append(Level(0.0))
         value -= channel.levels[0].offset
-        state.mean[sensor.axes[0]] += sensor.shift(state.mean, value)
+        axis = sensor.axes[0]
+        state.mean[axis] += sensor.shift(state.mean, value)
+        variance = min(channel.first.variance, self.COARSEST_START[axis])
+        state.covariance[axis, axis] = max(variance, state.covariance[axis, axis])
 
     def _give_up_lost_axes(self) -> None:
         """Restart each axis that had no accepted measurement for too long."""

@@ -23,13 +23,16 @@ class FirstMeasurements:
     def __init__(self) -> None:
         self.begin = math.inf  #: stamp of the first measurement after a silence [s]
         self._items: deque[tuple[float, float]] = deque()  # stamp, value
+        self.variance = 0.0  #: largest variance of the measurements [m² or rad²]
 
-    def add(self, stamp: float, value: float) -> None:
-        """Add a measurement [m or rad] with its stamp [s]."""
+    def add(self, stamp: float, value: float, variance: float = 0.0) -> None:
+        """Add a measurement [m or rad] with its stamp [s] and its variance [m² or rad²]."""
         if self._items and stamp - self._items[-1][0] > LONGEST_START:
             self._items.clear()
         if not self._items:
             self.begin = stamp
+            self.variance = 0.0
+        self.variance = max(self.variance, variance)
         self._items.append((stamp, value))
         while (
             len(self._items) > self.FEWEST_MEASUREMENTS

@@ -53,12 +53,13 @@ class Rail:
     begins: dict[str, float]  #: of the sensors' measurements [s], after `START`
     has_imu: bool = True
     slope: float = 0.0  #: by which the wall recedes [m/s]
+    seed: int = 1
     time: float = 0.0  #: [s], after `START`
     motions: list[RailMotion] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.estimator = DisturbanceEstimator(self.setup)
-        self.random = np.random.default_rng(1)
+        self.random = np.random.default_rng(self.seed)
         self.imu = ImuAtRest(self.random)
         self.steps = 0
 
@@ -90,7 +91,7 @@ class Rail:
         noise = self.random.standard_normal()
         if topic in self.setup.poses:
             index = Pose._fields.index(axis)
-            return RAIL[index] + POSE_NOISE[index] * noise
+            return RAIL[index] + self.setup.poses[topic].noise[index] * noise
         x, y, yaw = RAIL
         if topic in self.setup.fixes:
             sx, sy, _ = self.setup.fixes[topic].mounting
@@ -195,6 +196,38 @@ def test_clock_step_keeps_the_wall_found_beside_a_pose():
     rail.run(2.0 * SETTLED + 10.0)
     assert any('all axes restart' in event for event in rail.events)
     assert rail.motions[-1].pose.y == pytest.approx(before, abs=4e-4)
+
+
+def coarse(noise: float) -> EstimatorSetup:
+    """Return a setup with an unknown wall and a pose with the same noise in all axes [m, rad]."""
+    return replace(UNKNOWN, poses={'fix_pose': PoseFixSettings(noise=3 * (noise,))})
+
+
+@pytest.mark.parametrize('seed', range(1, 7))
+@pytest.mark.parametrize('name', [POSE_X, POSE_Y])
+def test_coarse_pose_starts_an_axis_with_its_own_deviation(name, seed):
+    rail = Rail(coarse(0.2), {'range_1': 0.0, 'range_2': 0.0, name: 2.0}, seed=seed)
+    rail.run(SETTLED)
+    assert any(event.endswith(f'started by {name}') for event in rail.events)
+    errors, deviations = rail.errors(2.5)
+    axis = (POSE_X, POSE_Y).index(name)
+    assert (np.abs(errors) < 3.5 * deviations)[:, axis].all()
+
+
+@pytest.mark.parametrize('noise', [0.2, 0.5])
+def test_coarse_yaw_starts_without_a_restart(noise):
+    rail = Rail(coarse(noise), {POSE_YAW: 0.0})
+    rail.run(SETTLED)
+    assert rail.events == ['imu: measuring', f'theta: started by {POSE_YAW}']
+
+
+@pytest.mark.parametrize('noise', [0.31, 1.0])
+def test_pose_too_coarse_to_start_leaves_the_guess(noise):
+    rail = Rail(coarse(noise), {'range_1': 0.0, 'range_2': 0.0, POSE_Y: 2.0})
+    rail.run(SETTLED)
+    assert not any('replaced' in event for event in rail.events)
+    assert rail.motions[-1].pose.y == pytest.approx(0.0, abs=1e-3)
+    assert rail.estimator.channels[POSE_Y].counts.keys() == {'too uncertain'}
 
 
 def test_yaw_of_the_pose_alone_leaves_y_at_the_start():
