@@ -168,11 +168,16 @@ def test_missing_profile_or_data_folder_is_rejected(tmp_path, monkeypatch, name)
             )
         ),
         *(
-            (entry('epos4', homing_methods=[37, method]), f'homing_methods = {method!r}')
+            (
+                entry('epos4', homing_methods=[37, method]),
+                f'homing_methods = {method!r}',
+            )
             for method in ('17', 128, 1.0)
         ),
         (
-            entry('epos4', input_polarity={'index': 0x3141, 'subindex': 2, 'shift': 32}),
+            entry(
+                'epos4', input_polarity={'index': 0x3141, 'subindex': 2, 'shift': 32}
+            ),
             'shift = 32',
         ),
         (with_pdos(TPDO1=[0x6041, 0x6061]), 'no TPDO maps object 6064h'),
