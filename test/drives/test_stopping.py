@@ -119,6 +119,19 @@ def test_gap_of_an_outcome_keeps_carriages_apart(number):
             {'limits': replace(LIMITS, speed=0.61)},
             'limits.speed = 0.61 m/s is above axes.max_speed',
         ),
+        (
+            {'limits': MotionLimits(speed=0.1, acceleration=0.01, jerk=0.1)},
+            'the time to brake from limits.speed = 10.2 s is above .* = 4.8 s; next: increase '
+            'limits.acceleration, or reduce limits.speed to at most 0.0455 m/s',
+        ),
+        (
+            {'limits': MotionLimits(speed=0.0455, acceleration=0.01, jerk=0.1)},
+            None,
+        ),
+        (  # on the stroke of 1 m it reaches only 0.447 m/s
+            {'limits': MotionLimits(speed=0.5, acceleration=0.1, jerk=5.0)},
+            None,
+        ),
         ({'following_error_window': 0.015}, None),  # at the bound, as the others
         (
             {
@@ -137,7 +150,7 @@ def test_gap_of_an_outcome_keeps_carriages_apart(number):
         ),
     ],
 )
-def test_parameters_that_let_carriages_touch_are_rejected(changes, message):
+def test_parameters_without_a_safe_stop_are_rejected(changes, message):
     with pytest.raises(ParameterError, match=message) if message else nullcontext():
         analysis(**changes).check()
 

@@ -17,12 +17,14 @@ from bus_world import (
 import pytest
 
 from facade_manipulator.canopen import cob_ids, pdo
+from facade_manipulator.control_loop.loop_channel import LoopSetup
 from facade_manipulator.drives.axis_settings import DEFAULT_AXES
 from facade_manipulator.drives.controller import REQUESTS
 from facade_manipulator.drives.exchange import LONGEST_WAIT
 from facade_manipulator.drives.snapshot import ControllerState, Remedy
 from facade_manipulator.drives.states import Controlword, POWERED_STATES, State
 from facade_manipulator.errors import BusError, DriveError, LimitError
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
 
 # --- frames
@@ -297,6 +299,22 @@ def test_power_stays_on_while_carriages_brake(make_rig):
     rig.until(lambda: not POWERED_STATES & {*rig.drive_states}, 15.0)
     speeds = [abs(drive.motor.velocity) for drive in rig.drives]
     assert DEFAULT_AXES[0].to_metres(max(speeds)) < 0.02
+
+
+SLOWEST = MotionLimits(speed=0.0455, acceleration=0.01, jerk=0.1)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('request_', ['halt', 'deactivate'])
+def test_slowest_permitted_braking_ends_without_a_stop(make_rig, request_):
+    rig = make_rig(limits=SLOWEST)
+    setup = LoopSetup(Geometry(), SETTINGS, DEFAULT_AXES, limits=SLOWEST)
+    setup.stopping.check()
+    rig.course = lambda time: ([0.005 * time**2] * 3, [0.01 * time] * 3)
+    at_rest(rig)
+    rig.until(lambda: rig.follower.motion.velocity[0] > 0.0445, 20.0)
+    rig.request(request_)
+    assert not rig.snapshot.causes
 
 
 class RestlessSource:
