@@ -189,7 +189,8 @@ class StoppingAnalysis:
     MIN_SPEED = 0.01  # m/s, speed that must remain possible at the minimum gap
     # maximum undetected lag of a carriage, as a share of the free distance between carriages
     WINDOW_SHARE = 0.75
-    BOUND_ROUNDING = 1e-9  # m, m/s, m/s²
+    BOUND_ROUNDING = 1e-9  # m, m/s, m/s², s
+    RAMP_MARGIN = 0.2  # s, until drives whose targets rest have shown that they rest
     LOAD = 0.7  # deceleration with the heaviest load, as a share of that of an empty machine
     TABLE_SPEEDS = 5  # number of speeds in the table
 
@@ -209,6 +210,37 @@ class StoppingAnalysis:
         planned = 0.5 * self.limits.speed**2 / self.limits.acceleration
         needed = 0.5 * self.limits.speed**2 / self.separation.deceleration
         return max(0.0, needed - planned)
+
+    @property
+    def braking_time(self) -> float:
+        """
+        Return the maximum duration of a ramp to rest within the limits [s].
+
+        A carriage that may brake inside the stroke has at most the speed √(2 a · stroke). Before
+        it brakes, it first ends its acceleration.
+        """
+        limits = self.limits
+        stroke = max(axis.upper_limit - axis.lower_limit for axis in self.axes)
+        speed = min(limits.speed, math.sqrt(2.0 * limits.acceleration * stroke))
+        return speed / limits.acceleration + self._rounding_time
+
+    @property
+    def _rounding_time(self) -> float:
+        """Return the time in which a ramp changes its acceleration at the limit of jerk [s]."""
+        return 2.0 * self.limits.acceleration / self.limits.jerk
+
+    @property
+    def longest_braking(self) -> float:
+        """Return the longest ramp to rest for which the group of axes waits [s]."""
+        controller = self.controller
+        return controller.ramp_timeout - controller.drive_lag - self.RAMP_MARGIN
+
+    @property
+    def _speed_of_longest_braking(self) -> float:
+        """Return the speed from which a ramp takes as long as permitted [m/s]."""
+        seconds = self.longest_braking - self._rounding_time
+        # below the speed also after rounding to three digits
+        return 0.99 * self.limits.acceleration * seconds
 
     @cached_property
     def separation(self) -> Separation:
@@ -270,6 +302,15 @@ class StoppingAnalysis:
                 'axes.max_acceleration',
                 min(axis.max_acceleration for axis in axes),
                 'reduce limits.acceleration',
+            ),
+            (
+                'the time to brake from limits.speed',
+                self.braking_time,
+                's',
+                'the longest ramp of halt and deactivate',
+                self.longest_braking,
+                'increase limits.acceleration, or reduce limits.speed to at most '
+                f'{self._speed_of_longest_braking:.3g} m/s',
             ),
             (
                 'limits.speed x controller.drive_lag',
