@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 import json
+import math
 import os
 from pathlib import Path
 import sys
@@ -19,6 +20,7 @@ from typing import Any
 from rich.console import Console
 
 from facade_manipulator.command_line import above_zero, exit_status
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.package_files import atomic_write
 from facade_manipulator.study.optimum import OBJECTIVES, SWEEP_STEP
@@ -74,23 +76,37 @@ def _run(options: argparse.Namespace) -> None:
             console.print(table)
         if options.figures:
             _draw(options.figures, study)
-        text = json.dumps(content, indent=2, allow_nan=False)
+        text = json.dumps(_without_nan(content), indent=2, allow_nan=False)
         draft.write_text(text + '\n', 'utf-8')
     if options.json:
         print(f'numbers written to {options.json}')
 
 
+def _without_nan(value: Any) -> Any:
+    """Return a value for JSON, which has no NaN: a share of an empty workspace becomes null."""
+    if isinstance(value, dict):
+        return {key: _without_nan(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_without_nan(inner) for inner in value]
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
 def _draw(folder: Path, study: Study) -> None:
+    """Draw the figures; name each figure that the design does not have, with the cause."""
     from matplotlib import style
 
     from facade_manipulator.study.drawing import STYLE
     from facade_manipulator.study.figures import FIGURES
 
+    left_out = []
     with style.context(STYLE, after_reset=True):
         for name, draw in progress(FIGURES.items(), len(FIGURES), 'figures'):
-            path = folder / name
-            with atomic_write(path) as draft:
-                draw(study).savefig(draft, format='png')
+            try:
+                with atomic_write(folder / name) as draft:
+                    draw(study).savefig(draft, format='png')
+            except ManipulatorError as error:
+                left_out.append(f'workspace_study: {name} is left out: {error}')
+    print(*left_out, sep='\n', end='\n' if left_out else '', file=sys.stderr)
     print(f'figures written to {folder}/')
 
 

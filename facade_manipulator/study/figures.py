@@ -29,7 +29,12 @@ from facade_manipulator.study.singularities import (
     parallel_curves,
     serial_curve,
 )
-from facade_manipulator.study.workspace_metrics import Good, theta_bounds, union_ends
+from facade_manipulator.study.workspace_metrics import (
+    Good,
+    require_section,
+    theta_bounds,
+    union_ends,
+)
 
 # this unit shows weak poses near the rail as well as at the far edge
 METRE = Good(0.0, 1.0)
@@ -108,6 +113,7 @@ def figure_8(study: Study) -> Figure:
 def figure_9(study: Study) -> Figure:
     """Draw the design's conditioning index over (x, y) and (θ, y), for two units of length."""
     geometry = study.geometry
+    require_section(geometry)
     made = drawing.figure(10.0, 6.2, study.title('Figure 9: conditioning'))
     grid = made.subplots(2, 2, width_ratios=(1.35, 1.0))
     for row, good in zip(grid, (study.good, METRE), strict=True):

@@ -9,13 +9,18 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from facade_manipulator import kinematics
+from facade_manipulator.errors import LimitError, ParameterError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.maps import pose_map
 from facade_manipulator.kinematics.planar import MM
 from facade_manipulator.study import drawing
 from facade_manipulator.study.drawing import draw_mechanism, GHOST, plan_view
 from facade_manipulator.study.paper_tables import Study
-from facade_manipulator.study.workspace_metrics import section_bounds, theta_peak
+from facade_manipulator.study.workspace_metrics import (
+    require_section,
+    section_bounds,
+    theta_peak,
+)
 
 PART = 0.6  # share of the distance to a limit at which Figure 3 shows a motion
 
@@ -79,7 +84,7 @@ def figure_12(study: Study) -> Figure:
     """Draw the compensation: the head remains in place on the wall while the rail moves."""
     title = 'Figures 2 and 12: with and without (pale) compensation'
     made = drawing.figure(10.0, 2.6, title)
-    home = kinematics.forward_kinematics(study.geometry, HOME_POSITIONS)
+    home = _swaying_home(study.geometry)
     wall = home.y * MM + HEAD_TO_WALL
     grid = made.subplots(1, 3, sharey=True)
     for axes, (title, rail) in zip(grid, SWAY.items(), strict=True):
@@ -96,6 +101,21 @@ def figure_12(study: Study) -> Figure:
         drawing.label(axes, 'x along the wall [mm]', 'y towards the wall [mm]', title)
         axes.label_outer()
     return made
+
+
+def _swaying_home(geometry: Geometry) -> Pose:
+    """Return the home pose of the head; raise a ParameterError if it cannot be compensated."""
+    try:
+        home = kinematics.forward_kinematics(geometry, HOME_POSITIONS)
+        for rail in SWAY.values():
+            kinematics.joints(geometry, kinematics.relative(rail, home))
+    except LimitError as error:
+        places = ', '.join(f'{place:g}' for place in HOME_POSITIONS)
+        raise ParameterError(
+            f'the home positions {places} m are not within the reach of this design while the '
+            f'gondola sways: {error.problem}; next: choose other lengths for this figure'
+        ) from error
+    return home
 
 
 def draw_extremes(grid: list[Axes], geometry: Geometry) -> None:
@@ -132,8 +152,10 @@ def extremes(geometry: Geometry) -> tuple[Pose, Pose, Pose]:
     Return three extreme head poses [m, m, rad], inside the workspace by `INSIDE`.
 
     These poses have the maximum θ, the maximum y at θ = 0, and the maximum x at θ = 0, which is at
-    the minimum y. The first two have the x that is the nearest to 0.
+    the minimum y. The first two have the x that is the nearest to 0. Raises a ParameterError if
+    no pose is reachable at θ = 0.
     """
+    require_section(geometry)
     y_turned, theta_max = theta_peak(geometry)
     lower, upper = section_bounds(geometry)
     theta = theta_max * INSIDE_LIMIT

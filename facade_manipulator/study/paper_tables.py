@@ -157,12 +157,16 @@ RANGE_COLUMNS = ('y [mm]', 'theta max [deg]', 'x max at theta = 0 [mm]')
 
 def ranges(study: Study, options: argparse.Namespace) -> Part:
     """Print the maximum θ and x for every y."""
+    workspace_metrics.require_section(study.geometry)
     lower, upper = workspace_metrics.section_bounds(study.geometry)
     y = np.array(options.y or _every_centimetre(lower, upper))
     _, ends = x_intervals(study.geometry, y, 0.0)
-    if np.isnan(ends).any():
+    is_outside = np.isnan(ends) | (
+        y < 0.0
+    )  # the equations contain only the square of y
+    if is_outside.any():
         raise ParameterError(
-            f'y = {y[np.isnan(ends)][0]:g} m rejected: at theta = 0 the head reaches from '
+            f'y = {y[is_outside][0]:g} m rejected: at theta = 0 the head reaches from '
             f'{lower:.4g} m to {upper:.4g} m; next: set --y within this range'
         )
 

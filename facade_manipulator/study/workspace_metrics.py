@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry, maps
 from facade_manipulator.kinematics.maps import number_at
 
@@ -136,6 +137,16 @@ def section_bounds(geometry: Geometry, good: Good | None = None) -> tuple[float,
         lower = max(lower, first)
         upper = min(upper, last)
     return lower, max(lower, upper)
+
+
+def require_section(geometry: Geometry) -> None:
+    """Raise a ParameterError if the head reaches no pose at θ = 0."""
+    lower, upper = section_bounds(geometry)
+    if not lower < upper:
+        raise ParameterError(
+            f'the workspace is empty at theta = 0: stroke {geometry.stroke_length:g} m and '
+            f'carriage_gap {geometry.carriage_gap:g} m leave no pose; next: set a longer stroke'
+        )
 
 
 def _good_roots(ratio: float, threshold: float) -> tuple[float, float] | None:

@@ -104,6 +104,60 @@ def test_every_figure_is_drawn(tmp_path):
         assert path.stat().st_size > 20_000
 
 
+@pytest.mark.parametrize(
+    ('arguments', 'part', 'key', 'is_null'),
+    [
+        ('--table2 --stroke 0.8', 'table2', 'ratio', [True] + [False] * 4),
+        (
+            '--singularity --l 0.2 --b 0.5 --stroke 0.1',
+            'beyond_parallel_singularity',
+            'share',
+            [True],
+        ),
+    ],
+)
+def test_share_of_an_empty_workspace_is_null(tmp_path, arguments, part, key, is_null):
+    rows = numbers(tmp_path, arguments)[part]
+    assert [row[key] is None for row in rows] == is_null
+
+
+NO_HOME = 'the home positions -0.1, 0.1, 0 m are not within the reach of this design'
+NO_SECTION = 'the workspace is empty at theta = 0: stroke 0.3 m'
+
+
+@pytest.mark.parametrize(
+    ('design', 'causes'),
+    [
+        ('--l 0.3 --b 0.4 --stroke 0.5', {'12_compensation': NO_HOME}),
+        ('--l 0.6 --b 0.1', {'12_compensation': NO_HOME}),
+        (
+            '--l 0.2 --b 0.5 --stroke 0.3',
+            {
+                '03_motions': NO_SECTION,
+                '05_working_modes': NO_SECTION,
+                '09_conditioning': NO_SECTION,
+                '11_ranges': NO_SECTION,
+                '12_compensation': NO_HOME,
+            },
+        ),
+    ],
+)
+@pytest.mark.filterwarnings('error')
+def test_figures_that_a_design_lacks_are_named(
+    tmp_path, monkeypatch, capsys, design, causes
+):
+    wanted = {f'figure_{name}.png' for name in [*causes, '12_compensation']}
+    drawn = 'figure_07_singular_configurations.png'
+    for name in {*FIGURES} - wanted - {drawn}:
+        monkeypatch.delitem(FIGURES, name)
+    assert run(f'--figures {tmp_path} {design}') == 0
+    shown = capsys.readouterr().err
+    for name, cause in causes.items():
+        assert f'figure_{name}.png is left out: {cause}' in shown
+    assert '; next: ' in shown
+    assert [path.name for path in tmp_path.iterdir()] == [drawn]
+
+
 def test_ranges_are_drawn_from_zero_to_the_link_length():
     left, right = figure_11(Study(NO_GAP)).axes[-2:]
     for panel in (left, right):
@@ -154,7 +208,15 @@ def test_extremes_are_certified_but_not_a_step_beyond(geometry):
         ('--l -0.35 --table2', 'link_length = -0.35 m is below its minimum'),
         ('--ranges --y 0.5', 'y = 0.5 m rejected'),
         ('--ranges --y nan', 'y = nan m rejected'),
+        (
+            '--ranges --y -0.1',
+            'y = -0.1 m rejected: at theta = 0 the head reaches from',
+        ),
         ('--summary --l 0.15 --b 0.55 --stroke 0.6', 'the workspace is empty'),
+        (
+            '--ranges --l 0.2 --b 0.5 --stroke 0.3',
+            'the workspace is empty at theta = 0',
+        ),
         ('--optimise beauty', "invalid choice: 'beauty'"),
         ('--optimise area --sum 2', 'outside Table 1'),
         ('--table2 --threshold 0', '0 is not a finite number above 0'),
