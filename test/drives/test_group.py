@@ -42,6 +42,7 @@ class Drives:
         self.states = [*OFF]
         self.modes = [0, 0, 0]
         self.bits = [0, 0, 0]
+        self.words = {}  # statuswords instead of those of the states, by number of the axis
         self.at_rest = True
         self.deaf = set()
         self.now = 0.0
@@ -58,9 +59,8 @@ class Drives:
                 feedback = axis.feedback
                 feedback.mode = self.modes[number]
                 feedback.at_rest = self.at_rest
-                feedback.statusword = (
-                    STATUSWORDS[self.states[number]][1] | self.bits[number]
-                )
+                word = STATUSWORDS[self.states[number]][1] | self.bits[number]
+                feedback.statusword = self.words.get(number, word)
             self.group.step(self.now)
             self.history.append([axis.output.command for axis in self.axes])
             self.underway.append(self.history[-1])
@@ -263,6 +263,73 @@ def test_statusword_of_a_failure_stops_all(situation, state, bits, message):
     assert drives.group.is_stopped
     assert message in drives.group.reason
     assert not any(map(is_enabling, drives.commands()))
+
+
+# words between two states that show no operation enabled
+UNCLEAR_WORDS = [0x0203, 0x0201, 0x0242]
+
+
+def stopped() -> Drives:
+    drives = running()
+    drives.ask(Group.stop, STOP)
+    drives.cycle(5)
+    assert drives.group.has_stopped
+    return drives
+
+
+def switching_off() -> Drives:
+    drives = running()
+    drives.ask(Group.disable)
+    while drives.group.state is not GroupState.INACTIVE:
+        drives.cycle()
+    return drives
+
+
+without_power = pytest.mark.parametrize('situation', [Drives, stopped, switching_off])
+
+
+@without_power
+@pytest.mark.parametrize('word', UNCLEAR_WORDS)
+def test_short_unclear_statusword_without_power_is_tolerated(situation, word):
+    drives = situation()
+    causes = drives.group.causes
+    drives.words = {0: word}
+    for _ in range(Group.MAX_UNCLEAR_CYCLES):
+        drives.cycle()
+        assert not drives.group.is_settled
+        assert not any(map(is_enabling, drives.commands()))
+    drives.words = {}
+    drives.cycle()
+    assert drives.group.is_settled
+    assert drives.group.causes == causes
+    assert not drives.group.not_responding
+
+
+@without_power
+@pytest.mark.parametrize('word', UNCLEAR_WORDS)
+def test_lasting_unclear_statusword_without_power_is_a_failure(situation, word):
+    drives = situation()
+    drives.words = {0: word}
+    drives.cycle(Group.MAX_UNCLEAR_CYCLES + 1)
+    assert 'no state of CiA 402' in drives.group.causes[-1].message
+    assert ('q1' in drives.group.not_responding) is (situation is stopped)
+
+
+@pytest.mark.parametrize('word', [0x0227, 0x0067, 0x0005])
+def test_stopped_drive_that_may_be_enabled_is_taken_out(word):
+    drives = stopped()
+    drives.cycle(200)  # beyond the time-out of the stop
+    drives.words = {0: word}
+    drives.cycle()
+    assert drives.group.not_responding == {'q1'}
+
+
+@pytest.mark.parametrize('word', UNCLEAR_WORDS)
+def test_unclear_statusword_of_a_drive_with_power_stops_at_once(word):
+    drives = running()
+    drives.words = {0: word}
+    drives.cycle()
+    assert drives.group.state is GroupState.STOPPED
 
 
 @pytest.mark.parametrize('situation', ['running', 'ramping', 'halted', 'homing'])
