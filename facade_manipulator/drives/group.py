@@ -62,6 +62,8 @@ class Group:
     """
 
     MAX_FURTHER_CAUSES = 8
+    # cycles in a row for which a drive without power may show a statusword between two states
+    MAX_UNCLEAR_CYCLES = 3
 
     def __init__(self, axes: tuple[Axis, ...], settings: ControllerSettings) -> None:
         self.axes = axes
@@ -73,6 +75,7 @@ class Group:
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
         self._has_shown_mode = False  # whether all drives have shown the commanded mode
         self._cycles = 0
+        self._unclear_cycles = dict.fromkeys([axis.name for axis in axes], 0)
         self.start(0.0)  # a placeholder: the exchange starts it at the present time
 
     @property
@@ -296,6 +299,8 @@ class Group:
         step = self._plan[0]
         drive = axis.feedback
         state = decode_state(drive.statusword)
+        if self._is_unclear(axis.name, drive.statusword):
+            return '', False
         has_mode = step.mode is None or drive.mode in (None, step.mode)
         failure = self._disobedience(drive, has_mode)
         has_arrived = (
@@ -318,6 +323,22 @@ class Group:
             f'{axis.name} {failure or f"did not {step.purpose}"}: '
             f'it is {", ".join(found)}'
         ), False
+
+    def _is_unclear(self, name: str, statusword: int) -> bool:
+        """
+        Return whether the state of a drive without power must be awaited, for a few cycles.
+
+        While a drive changes its state, its statusword may show a mixture of two states. The drive
+        has not completed the step. A statusword with the bit of operation enabled does not wait.
+        """
+        is_unclear = (
+            self._plan[0].is_without_power
+            and decode_state(statusword) is None
+            and not statusword & Status.OPERATION_ENABLED
+        )
+        cycles = self._unclear_cycles[name] + 1 if is_unclear else 0
+        self._unclear_cycles[name] = cycles
+        return 0 < cycles <= self.MAX_UNCLEAR_CYCLES
 
     def _disobedience(self, drive: Feedback, has_mode: bool) -> str:
         """

@@ -11,6 +11,16 @@ from typing import NamedTuple
 from facade_manipulator.drives.group_state import GroupState
 from facade_manipulator.drives.states import Controlword, Mode, State
 
+# states of the group in which the drives receive power or keep it
+_POWERING = frozenset(
+    {
+        GroupState.HOMING,
+        GroupState.ACTIVATING,
+        GroupState.ACTIVE,
+        GroupState.HALTED,
+    }
+)
+
 
 class Step(NamedTuple):
     """Step: a controlword, and the CiA 402 states that drives reach after this command."""
@@ -27,6 +37,12 @@ class Step(NamedTuple):
     follows: bool = (
         False  #: whether targets are commanded, those of the power-on included
     )
+
+    @property
+    def is_without_power(self) -> bool:
+        """Return whether the command of the step only takes power away."""
+        may_power_on = self.state in _POWERING
+        return not may_power_on and self.controlword != Controlword.ENABLE_OPERATION
 
 
 Plan = tuple[Step, ...]

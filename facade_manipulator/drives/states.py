@@ -35,6 +35,7 @@ class State(Enum):
 class Status(IntEnum):
     """Used bits of the statusword 6041h; the meaning of bits 12 and 13 depends on the mode."""
 
+    OPERATION_ENABLED = 0x0004
     FAULT = 0x0008
     VOLTAGE_ENABLED = 0x0010
     SWITCH_ON_DISABLED = 0x0040
