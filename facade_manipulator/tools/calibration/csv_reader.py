@@ -61,7 +61,9 @@ def read_table(
     return table[1:]
 
 
-UNIT_SUFFIXES = {'': 1.0, '_m': 1.0, '_mm': 1e-3, '_rad': 1.0, '_deg': np.pi / 180.0}
+LENGTH_SUFFIXES = {'': 1.0, '_m': 1.0, '_mm': 1e-3}
+ANGLE_SUFFIXES = {'': 1.0, '_rad': 1.0, '_deg': np.pi / 180.0}
+ANGLES = ('theta',)  # the other columns are lengths
 
 
 def _columns(
@@ -75,7 +77,8 @@ def _columns(
     names = (*required, *optional)
     possible = {}
     for column, name in enumerate(names):
-        for unit, factor in UNIT_SUFFIXES.items():
+        suffixes = ANGLE_SUFFIXES if name in ANGLES else LENGTH_SUFFIXES
+        for unit, factor in suffixes.items():
             possible[name + unit] = (column, factor)
 
     titles = [title for title in header if not title.startswith(('goal', 'note'))]
@@ -88,10 +91,14 @@ def _columns(
         if is_missing or found.count(column) > 1:
             wrong.append(name)
     if unknown or wrong:
+        hints = []
+        for suffixes, is_angle in ((LENGTH_SUFFIXES, False), (ANGLE_SUFFIXES, True)):
+            if of_kind := [name for name in names if (name in ANGLES) == is_angle]:
+                units = ' or '.join(filter(None, suffixes))
+                hints.append(f'{", ".join(of_kind)} with {units}')
         raise CalibrationError(
             f'{path} rejected: column {(unknown + wrong)[0]} is '
             f'{"unknown" if unknown else "missing or duplicate"}; next: use '
-            f'{", ".join(names)} with one of the units '
-            f'{", ".join(filter(None, UNIT_SUFFIXES))}, and note_… for a remark'
+            f'{", ".join(hints)}, and note_… for a remark'
         )
     return {title: possible[title] for title in read}

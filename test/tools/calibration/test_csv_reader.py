@@ -45,6 +45,12 @@ def test_spreadsheet_table_is_read_in_si_units(tmp_path, text, encoding):
         (f'{GERMAN};;;\n0,1;;0,3;\n', 'row 3 rejected'),
         (PLAIN.replace('note_1', 'x_m'), 'column x is missing or duplicate'),
         (PLAIN.replace('x_mm', 'x_inch'), 'column x_inch is unknown'),
+        (
+            PLAIN.replace('theta', 'theta_mm'),
+            'column theta_mm is unknown; next: use q1, x with _m or _mm, theta with _rad or _deg',
+        ),
+        (PLAIN.replace('q1', 'q1_deg'), 'column q1_deg is unknown'),
+        (PLAIN.replace('x_mm', 'x_rad'), 'column x_rad is unknown'),
         (PLAIN.replace('q1', 'note_q1'), 'column q1 is missing or duplicate'),
     ],
 )
