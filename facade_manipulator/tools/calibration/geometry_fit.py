@@ -227,16 +227,33 @@ def fit_geometry(
     )
 
 
+# m and rad: differences of heads that are equally large for the choice of the first frame
+START_UNITS = np.array([5e-3, 5e-3, 0.02])
+
+
 def _first_frame(drawing: Geometry, measurements: Measurements) -> Pose:
-    """Return the approximate rail pose in the instrument's frame, from the first complete row."""
-    complete = np.flatnonzero(np.isfinite(measurements.heads).all(axis=1))
-    if not len(complete):
+    """
+    Return the approximate rail pose in the instrument's frame, even if some rows are wrong.
+
+    Each complete row gives one pose of the rail. The best of them has the smallest median of the
+    differences between measured and expected heads.
+    """
+    drawn = head_poses(drawing, measurements.carriages)
+    complete = np.isfinite(measurements.heads + drawn).all(axis=1)
+    if not complete.any():
         return ZERO_POSE
 
-    carriages, heads = measurements.at(complete[:1])
-    [seen] = heads.tolist()
-    [drawn] = head_poses(drawing, carriages).tolist()
-    return compose(Pose(*seen), invert(Pose(*drawn)))
+    seen = measurements.heads[complete]
+    drawn = drawn[complete]
+    frames = []
+    misses = []
+    for measured, expected in zip(seen.tolist(), drawn.tolist(), strict=True):
+        frame = compose(Pose(*measured), invert(Pose(*expected)))
+        placed = np.column_stack(compose(frame, Pose(*drawn.T)))
+        differences = np.abs(head_differences(seen, placed)) / START_UNITS
+        frames.append(frame)
+        misses.append(np.median(differences.sum(axis=1)))
+    return frames[int(np.argmin(misses))]
 
 
 DIFFERENCE_STEP = 1e-4  # of a tolerance, for differences

@@ -144,6 +144,44 @@ def test_frame_of_the_instrument_is_found():
         fit_geometry(DRAWING, rows, NOISE)
 
 
+def shift_of_one_metre(rows, row):
+    rows.heads[row, 0] += 1.0
+
+
+def turn_of_three_radians(rows, row):
+    rows.heads[row, 2] += 3.0
+
+
+def exchanged_carriages(rows, row):
+    rows.carriages[row] = rows.carriages[row, [1, 0, 2]]
+
+
+def heads_in_millimetres(rows, row):
+    rows.heads[row, :2] *= 1e3
+
+
+@pytest.mark.parametrize(
+    'spoil',
+    [
+        shift_of_one_metre,
+        turn_of_three_radians,
+        exchanged_carriages,
+        heads_in_millimetres,
+    ],
+)
+@pytest.mark.parametrize('wrong', [[0], [7], [0, 1, 19]])
+def test_frame_is_found_although_rows_are_wrong(spoil, wrong):
+    frame = Pose(2.0, 3.0, 0.4)
+    heads = head_poses(DRAWING, POSES, frame)
+    heads += NOISE * np.random.default_rng(1).standard_normal(heads.shape)
+    rows = Measurements(POSES.copy(), heads)
+    for row in wrong:
+        spoil(rows, row)
+    found = fit_geometry(DRAWING, rows, NOISE, has_frame=True)
+    assert np.flatnonzero(found.outliers).tolist() == wrong
+    assert np.array(found.frame) == pytest.approx(frame, abs=5e-3)
+
+
 def test_poses_that_do_not_determine_the_head_are_rejected():
     line = np.linspace(-0.1, 0.1, 12)  # the platform only slides along the rail
     carriages = np.add.outer(line, [-0.1, 0.1, 0.0])
