@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 import itertools
+import re
 from typing import Any
 
 import pytest
@@ -190,7 +191,8 @@ def test_endless_segments_time_out():
     drive = ScriptedDrive(lambda data: (next(segments),))
     drive.channel.deadline = 0.2
     with pytest.raises(
-        DriveTimeoutError, match='busy with object 6065h:00 .*the transfer does not end'
+        DriveTimeoutError,
+        match='busy with object 6065h:00 .*the transfer does not end; next: ',
     ):
         drive.read()
     assert len(drive.requests) > 10
@@ -459,12 +461,34 @@ def test_silence_is_aborted_after_each_of_three_attempts():
     attempt = '> 40 65 60 00 00 00 00 00\n> 80 00 00 00 00 00 04 05\n'
     drive = Transcript(3 * attempt)
     message = (
-        r'does not answer for object 6065h:00 within 3 × 0\.3 s: check its power, '
-        'its node id and the bit rate'
+        r'does not answer for object 6065h:00 within 3 × 0\.3 s; next: check its '
+        'power, its node id and the bit rate'
     )
     with pytest.raises(DriveTimeoutError, match=message):
         drive.finish(drive.channel.read(0x6065, 0))
     assert drive.is_complete
+
+
+@pytest.mark.parametrize(
+    ('answers', 'wrong'),
+    [
+        (('60 65 60 00 05 00 00 00',), 'an unexpected command (60h)'),
+        (
+            ('41 65 60 00 04 00 00 00', '11 05 00 00 00 00 00 00'),
+            'a wrong toggle bit (11h)',
+        ),
+    ],
+)
+def test_wrong_answer_in_each_attempt_names_its_cause(answers, wrong):
+    script = itertools.cycle([bytes.fromhex(one) for one in answers])
+    drive = ScriptedDrive(lambda _: (next(script),))
+    message = (
+        f'q2 (node 2) answers for object 6065h:00 with {wrong}; next: check that no other '
+        'drive has this node id, and that no other program uses the bus'
+    )
+    with pytest.raises(DriveTimeoutError, match=re.escape(message)):
+        drive.read()
+    assert drive.waits == 0
 
 
 @pytest.mark.parametrize(
