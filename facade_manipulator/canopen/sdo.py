@@ -166,6 +166,7 @@ class _Transfer:
     expected: bytes = b''
     answer: bytes | None = None
     short_length: int | None = None  #: of an answer that lacks its value [bytes]
+    wrong: str = ''  #: description of an answer that does not fit to its request
 
     def __str__(self) -> str:
         return f'object {self.index:04X}h:{self.subindex:02X}'
@@ -288,9 +289,14 @@ class SdoChannel:
                 f'{self.title} answers for {transfer} with {transfer.short_length} bytes, which '
                 'is too short for the value; next: ask its maker for another firmware'
             )
+        if transfer.wrong:
+            raise DriveTimeoutError(
+                f'{self.title} answers for {transfer} with {transfer.wrong}; next: check that no '
+                'other drive has this node id, and that no other program uses the bus'
+            )
         raise DriveTimeoutError(
             f'{self.title} does not answer for {transfer} within {ATTEMPTS} × '
-            f'{self.response_timeout:g} s: check its power, its node id and the bit rate'
+            f'{self.response_timeout:g} s; next: check its power, its node id and the bit rate'
         )
 
     # --- transfers
@@ -323,6 +329,7 @@ class SdoChannel:
             answer = yield from self._ask(transfer, request, _UPLOADED_SEGMENT)
             first = answer[0]
             if first & _TOGGLE != toggle:
+                transfer.wrong = f'a wrong toggle bit ({first:02X}h)'
                 raise self._abort(transfer, _TOGGLE_ERROR)
             unused = first >> 1 & 7
             data += answer[1 : SDO_FRAME_LENGTH - unused]
@@ -370,6 +377,7 @@ class SdoChannel:
         if found == _ABORT:
             raise self._rejection(transfer, int.from_bytes(answer[4:], 'little'))
         if found != specifier:
+            transfer.wrong = f'an unexpected command ({answer[0]:02X}h)'
             raise self._abort(transfer, _UNKNOWN_COMMAND)
         return answer
 
@@ -378,7 +386,8 @@ class SdoChannel:
         if self._now() > self.deadline:
             raise DriveTimeoutError(
                 f'{self.title} was still busy with {transfer} at the deadline of this request: it '
-                'answers too slowly, or the transfer does not end'
+                'answers too slowly, or the transfer does not end; next: switch the drive off '
+                'and on, and check the bit rate'
             )
         cob_id = cob_ids.SDO_REQUEST + self.node_id
         self._bus.send(cob_id, request.ljust(SDO_FRAME_LENGTH, b'\0'))
