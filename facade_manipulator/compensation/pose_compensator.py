@@ -169,24 +169,35 @@ class Compensator:
         self.newest = None
         self.contact.pressing.end()
 
-    def hold(self, now: float) -> Pose:
+    def hold(self, now: float) -> Pose | None:
         """
         End the path to the goal; return the pose on the wall at which the path stops [m, m, rad].
 
         A head that presses, or approaches the wall to press, retracts and waits there for the next
-        goal.
+        goal. Without a path, because no cycle has followed the goal yet, drop the goal and return
+        None.
 
-        Raises a ManipulatorError if the head follows no goal.
+        Raises a ManipulatorError if there is no goal, or no path to rest. Without a path to rest,
+        the goal is dropped.
         """
-        if self.newest is None:
+        if self.goal is None:
             raise ManipulatorError(
                 'hold rejected: the head follows no goal; next: send a goal'
             )
+        if self.newest is None:
+            self.drop_goal()
+            return None
         self.contact.pressing.end()
         self._is_goal_new = False  # a goal that no cycle has followed is never followed
-        self.goal = self._reference.stop(
-            max(self.newest.time, now + self.settings.lead) + self.following.lag
-        )
+        begin = max(self.newest.time, now + self.settings.lead) + self.following.lag
+        try:
+            self.goal = self._reference.stop(begin)
+        except ManipulatorError as error:
+            self.drop_goal()
+            raise ManipulatorError(
+                f'hold failed: {error.problem}; the goal was dropped, and the carriages brake; '
+                'next: check that the head is at rest'
+            ) from error
         return self.goal
 
     def goal_error(self, now: float) -> Pose | None:

@@ -104,6 +104,12 @@ class CommandGate(Generic[C]):
         self.held = command
         self._decide()
 
+    def withdraw(self) -> bool:
+        """Drop the held command; return whether a command was held."""
+        is_held = self.held is not None
+        self.held = None
+        return is_held
+
     def receive(self, now: float, system_time: float, status: DriverStatus) -> None:
         """Apply a driver/status; measure the age of the activation with the system clock [s]."""
         self._deadline = now + self.SILENCE

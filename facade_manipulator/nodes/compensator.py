@@ -68,6 +68,7 @@ class CompensatorNode(BaseNode):
     """
 
     wants_priority = True
+    DROPPED = 'the goal was dropped; the head does not move'
 
     def __init__(self, connects_later: bool = False, **kwargs: Any) -> None:
         super().__init__('compensator', **kwargs)
@@ -336,8 +337,17 @@ class CompensatorNode(BaseNode):
         return f'the nominal position of the rail is now {millimetres(place)}'
 
     def _hold(self) -> str:
-        place = self._compensator.hold(monotonic())
-        self._goals.end(f'{topics.HOLD.name} was called')
+        """End the goal that is followed, or that waits for the status of the driver."""
+        reason = f'{topics.HOLD.name} was called'
+        if self._gate.withdraw():  # while a goal waits, no other goal is followed
+            self._goals.refuse(reason)
+            return self.DROPPED
+        try:
+            place = self._compensator.hold(monotonic())
+        finally:
+            self._goals.end(reason)  # the goal ends also without a path to rest
+        if place is None:
+            return self.DROPPED
         retreat = self._compensator.contact.pressing.distance_at_rest
         distance = f'{1e3 * retreat:.1f} mm in front of' if retreat else 'at'
         return f'the head stays {distance} {millimetres(place)}'

@@ -148,6 +148,26 @@ def test_hold_brakes_within_the_limits_and_stays(lag, most):
     assert math.dist(run.last.reference, place) < 1e-6
 
 
+def test_hold_drops_a_goal_that_no_cycle_has_followed():
+    run = CompensatedHead(RAIL, GOAL, ASIDE)
+    assert run.compensator.hold(run.now) is None
+    assert set(run.run(0.1).outputs) == {None}
+
+
+def test_hold_without_a_path_to_rest_drops_the_goal(monkeypatch):
+    run = CompensatedHead(RAIL, GOAL).run(0.1)
+    run.compensator.contact.pressing.mode = PressMode.HOLDING
+
+    def fail(*_):
+        raise ManipulatorError('no jerk-limited path; next: choose another goal')
+
+    monkeypatch.setattr(run.compensator._reference, 'stop', fail)
+    with pytest.raises(ManipulatorError, match='no jerk-limited path; the goal was'):
+        run.compensator.hold(run.now)
+    assert run.run(PERIOD).last is None
+    assert run.compensator.contact.pressing.mode is PressMode.OFF
+
+
 @pytest.mark.parametrize('step', [-3600.0, -5.0, -0.6, 5.0, 3600.0])
 def test_clock_step_keeps_correction_active_without_a_jump(step):
     run = CompensatedHead(sway, GOAL, relative(sway(START), GOAL), lag=0.0)

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 from nodes.node_rig import driver_message, NodeBench
 import pytest
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator import topics
 from facade_manipulator.compensation.goal import GoalState
@@ -381,10 +381,16 @@ class GoalAnswers:
     def wait_long(self):
         self.wait(0.6)
 
+    def hold(self):
+        """Call compensator/hold; return whether the request succeeded."""
+        return self.node._answer(
+            self.node._hold, Trigger.Request(), Trigger.Response()
+        ).success
+
 
 GOAL_EVENTS = (
-    'goal repeat activate inactivate start_activation silence wait wait_long'.split()
-)
+    'goal repeat activate inactivate start_activation silence wait wait_long hold'
+).split()
 
 
 def test_goal_gets_one_answer_for_any_order_of_events(ros, monkeypatch):
@@ -420,6 +426,7 @@ def test_goal_gets_one_answer_for_any_order_of_events(ros, monkeypatch):
         (['silence', 'activate', 'repeat'], 'rejected'),
         (['wait'] * 3 + ['activate'], 'rejected'),
         (['goal'], 'superseded'),
+        (['hold', 'activate', 'repeat'], 'rejected'),
     ],
 )
 def test_goal_before_driver_status_is_answered_in_time(ros, monkeypatch, later, answer):
@@ -470,6 +477,23 @@ def test_goal_before_or_during_driver_silence_moves_nothing(neighbours, during):
     neighbours.publish_driver('active', since=since)
     neighbours.send_goal()
     neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
+
+
+@pytest.mark.parametrize(
+    ('events', 'states'),
+    [
+        (['inactivate', 'goal', 'hold', 'activate'], ['rejected']),
+        (['activate', 'goal', 'hold'], ['accepted', 'ended']),
+    ],
+)
+def test_hold_wins_over_a_goal_not_yet_followed(ros, monkeypatch, events, states):
+    answers = GoalAnswers(ros, monkeypatch)
+    for event in events:
+        answers.time += 1e-3
+        assert getattr(answers, event)() is not False
+    assert [*answers.states.values()] == [states]
+    assert answers.node._compensator.goal is None
+    assert not answers.hold()  # no goal is left
 
 
 def test_hold_ends_the_goal_with_a_single_report(following):
