@@ -14,6 +14,13 @@ from facade_manipulator.nodes import planar_messages
 from facade_manipulator.tools.calibration.estimator_fit import EstimatorRecording
 from facade_manipulator.topics import HEAD_ON_WALL
 
+_POSE_TYPES = (
+    'geometry_msgs/msg/PoseStamped',
+    'geometry_msgs/msg/PoseWithCovarianceStamped',
+    'nav_msgs/msg/Odometry',
+)
+_JOINT_TYPES = ('sensor_msgs/msg/JointState',)
+
 
 def read_estimator_recording(
     path: Path, head: str = HEAD_ON_WALL.name, namespace: str = ''
@@ -33,7 +40,7 @@ def read_estimator_recording(
     Raises
     ------
     CalibrationError
-        If the recording cannot be read or lacks a topic.
+        If the recording cannot be read, lacks a topic, or contains another type of message.
 
     """
     # imported here, because nodes run without rosbags
@@ -42,6 +49,11 @@ def read_estimator_recording(
 
     names = ('disturbance', 'disturbance_odometry', 'joint_states', head)
     topics = [PurePosixPath('/', namespace, name).as_posix() for name in names]
+    disturbance, odometry, joints, wall = topics
+    # in this order, so that the topic of the head must contain poses
+    accepted = {joints: _JOINT_TYPES} | dict.fromkeys(
+        (disturbance, odometry, wall), _POSE_TYPES
+    )
     recorded: dict[str, list[Any]] = {topic: [] for topic in topics}
     try:
         # older .db3 files contain no message definitions
@@ -59,7 +71,8 @@ def read_estimator_recording(
             'reindex or mcap recover, or record again'
         ) from error
 
-    disturbance, odometry, joints, wall = topics
+    for connection in wanted:
+        _require_type(path, connection, accepted[connection.topic])
     estimates = disturbance if recorded[disturbance] else odometry
     series = [_by_stamp(recorded[topic]) for topic in (estimates, joints, wall)]
     for topic, rows in zip((disturbance, joints, wall), series, strict=True):
@@ -69,6 +82,16 @@ def read_estimator_recording(
                 'topic, or give --namespace'
             )
     return EstimatorRecording(*map(np.array, series))
+
+
+def _require_type(path: Path, connection: Any, accepted: tuple[str, ...]) -> None:
+    """Raise a CalibrationError if the messages of a topic have another type than accepted."""
+    if connection.msgtype not in accepted:
+        raise CalibrationError(
+            f'{path} rejected: {connection.topic} contains {connection.msgtype}, expected '
+            f'{" or ".join(accepted)}; next: give another topic with --head, or record the '
+            'topic with an accepted type'
+        )
 
 
 def _by_stamp(recorded: list[Any]) -> list[tuple[float, ...]]:

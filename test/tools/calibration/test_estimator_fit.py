@@ -3,8 +3,15 @@
 from functools import cache
 import math
 
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import (
+    PointStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    TransformStamped,
+)
+from geometry_msgs.msg import Pose as PoseMessage
 from mechanism import published_motion
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
@@ -20,6 +27,7 @@ from facade_manipulator.tools.calibration.estimator_fit import (
     EstimatorRecording,
     fit_estimator,
 )
+from facade_manipulator.tools.calibration.recording import read_estimator_recording
 
 pytestmark = pytest.mark.long
 
@@ -179,8 +187,8 @@ def head_pose(numbers):
     return PoseStamped(pose=pose_message(Pose(*numbers)))
 
 
-def write_bag(folder, recording, namespace=''):
-    """Write a recording as a rosbag2 folder."""
+def write_bag(folder, recording, namespace='', head=head_pose):
+    """Write a recording as a rosbag2 folder; `head` makes the messages of the instrument."""
     pytest.importorskip('rosbags', reason='rosbags is not installed')
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import get_typestore, Stores
@@ -189,7 +197,7 @@ def write_bag(folder, recording, namespace=''):
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
         for topic, make, table in zip(
             ('disturbance', 'joint_states', 'head_on_wall'),
-            (estimate, joint_state, head_pose),
+            (estimate, joint_state, head),
             recording,
             strict=True,
         ):
@@ -201,7 +209,8 @@ def write_bag(folder, recording, namespace=''):
             )
             for time, *numbers in table.tolist():
                 message = make(numbers)
-                message.header.stamp = stamp(time)
+                if hasattr(message, 'header'):
+                    message.header.stamp = stamp(time)
                 bag.write(connection, int(time * 1e9), serialize_message(message))
 
 
@@ -214,6 +223,50 @@ def test_command_reads_a_recording_and_prints_parameters(tmp_path, capsys):
     found = (*written['mounting'], written['delay'])
     errors = np.subtract(found, (*MOUNTING, DELAY))
     assert (np.abs(errors) < LIMITS).all()
+
+
+def odometry(numbers):
+    message = Odometry()
+    message.pose.pose = pose_message(Pose(*numbers))
+    return message
+
+
+@pytest.mark.parametrize('head', [estimate, odometry])
+def test_head_with_covariance_is_read(tmp_path, head):
+    recording = EstimatorRecording(*(table[:5] for table in recorded()))
+    write_bag(tmp_path / 'sway', recording, head=head)
+    found = read_estimator_recording(tmp_path / 'sway')
+    assert found.wall == pytest.approx(recording.wall, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('head', 'kind'),
+    [
+        (lambda _: TransformStamped(), 'geometry_msgs/msg/TransformStamped'),
+        (lambda _: PointStamped(), 'geometry_msgs/msg/PointStamped'),
+        (lambda _: PoseMessage(), 'geometry_msgs/msg/Pose'),
+        (joint_state, 'sensor_msgs/msg/JointState'),
+    ],
+)
+def test_head_of_another_type_is_rejected(tmp_path, capsys, head, kind):
+    recording = EstimatorRecording(*(table[:5] for table in recorded()))
+    write_bag(tmp_path / 'sway', recording, head=head)
+    assert main(['estimator', str(tmp_path / 'sway')]) == 1
+    said = capsys.readouterr().err
+    assert (
+        f'/head_on_wall contains {kind}, expected geometry_msgs/msg/PoseStamp' in said
+    )
+    assert 'next: give another topic with --head' in said
+
+
+def test_joint_states_as_head_are_rejected(tmp_path, capsys):
+    recording = EstimatorRecording(*(table[:5] for table in recorded()))
+    write_bag(tmp_path / 'sway', recording)
+    words = ['estimator', str(tmp_path / 'sway'), '--head', 'joint_states']
+    assert main(words) == 1
+    assert (
+        '/joint_states contains sensor_msgs/msg/JointState' in capsys.readouterr().err
+    )
 
 
 def test_recording_without_a_topic_is_rejected(tmp_path, capsys):
