@@ -10,11 +10,12 @@ import pytest
 
 from facade_manipulator.canopen.bus import Frame
 from facade_manipulator.canopen.emcy import Fault
-from facade_manipulator.canopen.pdo import TPDO1, TPDO2, TPDO3
+from facade_manipulator.canopen.pdo import RPDO1, TPDO1, TPDO2, TPDO3
 from facade_manipulator.drives.axis import Axis
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.encoder import Encoder
+from facade_manipulator.drives.feedback import REST_SPEED
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.states import Mode
 
@@ -103,6 +104,26 @@ def test_carriage_at_rest_has_constant_positions():
         answer(axis, cycle, 0.004 * min(cycle, 4) * T)
         axis.end_cycle(cycle * T, may_rest=True)
         assert axis.feedback.at_rest is (cycle in (1, 5))
+
+
+@pytest.mark.parametrize('sends_velocity', [True, False])
+@pytest.mark.parametrize(('counts', 'rests'), [(1, True), (2, False)])
+def test_count_that_toggles_in_each_cycle_is_no_motion(sends_velocity, counts, rests):
+    settings = replace(AXIS, pulses_per_revolution=200, gear_ratio=1.0)
+    others = (TPDO2,) if sends_velocity else ()
+    profile = replace(load_profile('simulated'), pdos=(RPDO1, TPDO1, *others))
+    axis = Axis('q1', profile.applied(settings), profile, SETTINGS)
+    assert axis.settings.si_per_unit.position / T > REST_SPEED
+    axis.begin_supervision(0.0)
+    for cycle in range(1, 6):
+        status = TPDO1.codec.pack(
+            ENABLED, Mode.CYCLIC_SYNCHRONOUS_POSITION, counts * (cycle % 2)
+        )
+        axis.receive_tpdo(TPDO1, status, cycle * T, cycle * T)
+        if sends_velocity:
+            axis.receive_tpdo(TPDO2, bytes(8), cycle * T, cycle * T)
+        axis.end_cycle(cycle * T, may_rest=True)
+    assert axis.feedback.at_rest is rests
 
 
 def emergency(code):
