@@ -38,7 +38,8 @@ class ProcessData:
         self._units: dict[str, list[float]] = {}
         for one in tpdos:
             self._units[one.name] = [units.get(index, 1) for index in one.indices]
-        self._sends_velocity = any(
+        #: whether the drive sends its velocity; otherwise it is computed from positions
+        self.sends_velocity = any(
             indices.ACTUAL_VELOCITY in one.indices for one in tpdos
         )
         self._values: dict[int, Any] = {}
@@ -56,7 +57,7 @@ class ProcessData:
 
     def receive_speed(self, speed: float) -> None:
         """Store a speed computed from positions [m/s], for a drive that sends no velocity."""
-        if not self._sends_velocity:
+        if not self.sends_velocity:
             self._values[indices.ACTUAL_VELOCITY] = speed
 
 
@@ -81,8 +82,11 @@ class Feedback:
         self.at_rest = False  #: whether the carriage is at rest
         self.disobedience = ''  #: why an enabled drive does not obey, ``''`` if it does
         self._quirks = profile.quirks
-        # one count in a cycle is not a motion
+        # below both speeds a carriage is at rest; one count in a cycle is not a motion
         self._rest_speed = REST_SPEED + abs(axis.si_per_unit.position) / period
+        self._rest_velocity = (
+            REST_SPEED if self.newest.sends_velocity else self._rest_speed
+        )
         self._was_remote = False  # whether bit 9 was 1 while the drive was enabled
 
     def end_cycle(self, encoder: Encoder, may_rest: bool) -> None:
@@ -105,7 +109,7 @@ class Feedback:
         self.at_rest = (
             may_rest
             and velocity is not None
-            and abs(velocity) < REST_SPEED  # by the drive, and by its positions
+            and abs(velocity) < self._rest_velocity
             and abs(encoder.speed) < self._rest_speed
         )
         self.disobedience = self._disobedience() if is_enabled else ''
