@@ -321,18 +321,42 @@ def _kept_resolvers() -> dict[str, list[tuple[str, re.Pattern[str]]]]:
     return kept
 
 
+def _shortened(text: str) -> str:
+    """Return the begin of a text for a message."""
+    return text if len(text) <= 40 else f'{text[:40]}…'
+
+
 class _Loader(yaml.SafeLoader):
     """YAML loader with the types of ROS: 1e-3 is a number; 1_000, 1:30 and dates are strings."""
 
     # the parent shares its table of resolvers with each loader of the process
     yaml_implicit_resolvers = _kept_resolvers()
 
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """Return the value of a node; raise a ParameterError if its type does not have it."""
+        try:
+            return super().construct_object(node, deep)
+        except (ParameterError, yaml.YAMLError):
+            raise
+        except (
+            ArithmeticError,
+            AttributeError,
+            LookupError,
+            TypeError,
+            ValueError,
+        ) as error:
+            raise ParameterError(
+                f'line {node.start_mark.line + 1}: {_shortened(str(node.value))} is not a value '
+                f'of the type {node.tag.rpartition(":")[2]}; next: correct this value'
+            ) from error
+
 
 def _reject_leading_zeros(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> None:
     """Reject leading zeros: ROS reads 00012345 as the octal number 5349, and 00089 as 89.0."""
+    decimal = int(node.value.replace('_', ''))
     raise ParameterError(
         f'line {node.start_mark.line + 1}: {node.value} has leading zeros, which make a number '
-        f"octal; next: write {int(node.value)} for the decimal number, or '{node.value}' for a "
+        f"octal; next: write {decimal} for the decimal number, or '{node.value}' for a "
         'text'
     )
 
@@ -370,6 +394,10 @@ def read_value(text: str | bytes) -> Any:
         raise ParameterError(
             f'{line}{error.problem}; next: correct this line'
         ) from error
+    except RecursionError as error:
+        raise ParameterError(
+            'its values are nested too deeply; next: remove brackets or indentation'
+        ) from error
     except yaml.YAMLError as error:
         text = ' '.join(str(error).split())
         raise ParameterError(f'{text}; next: save the file as UTF-8') from error
@@ -386,9 +414,14 @@ def read_sections(paths: Sequence[Path]) -> dict[str, dict[str, Any]]:
     for path in paths:
         try:
             content = read_value(path.read_bytes())
+            leaves = [*_leaves(content or {})]
         except ParameterError as error:
             raise ParameterError(f'{path} cannot be read: {error}') from error
-        for place, value in _leaves(content or {}):
+        except RecursionError as error:
+            raise ParameterError(
+                f'{path} cannot be read: a table contains itself; next: remove its alias'
+            ) from error
+        for place, value in leaves:
             section, is_parameter, name = place.partition('/ros__parameters/')
             if not is_parameter or value is None:
                 raise ParameterError(

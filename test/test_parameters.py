@@ -239,5 +239,40 @@ def test_number_with_leading_zeros_is_rejected(tmp_path, kind, number):
         read[kind]()
 
 
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        (
+            'a: 1\nb: 0_',
+            "line 2: 0_ has leading zeros.*write 0 for .*or '0_' for a text",
+        ),
+        ('-0_', 'line 1: -0_ has leading zeros'),
+        ('0__1', 'line 1: 0__1 has leading zeros.*write 1 for'),
+        (
+            'a: 1\nb: !!int abc',
+            'line 2: abc is not a value of the type int; next: corr',
+        ),
+        ('!!int [1]', 'not a value of the type int'),
+        ('!!float abc', 'line 1: abc is not a value of the type float'),
+        ('!!bool x', 'line 1: x is not a value of the type bool'),
+        ('!!timestamp x', 'line 1: x is not a value of the type timestamp'),
+        ('9' * 5000, 'line 1: 9{40}… is not a value of the type int'),
+        ('[' * 3000, 'nested too deeply'),
+    ],
+)
+def test_yaml_value_without_its_type_is_rejected(text, message):
+    with pytest.raises(ParameterError, match=message):
+        read_value(text)
+
+
+def test_table_that_contains_itself_is_rejected(tmp_path):
+    path = tmp_path / 'user.yaml'
+    path.write_text(f'/**/driver: {{{P}: &a {{b: *a}}}}')
+    with pytest.raises(
+        ParameterError, match='user.yaml cannot be read: a table contains'
+    ):
+        read_parameters([path], 'driver')
+
+
 def test_quoted_digits_with_leading_zeros_are_a_text():
     assert read_value("'007'") == '007'
