@@ -204,6 +204,20 @@ def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
                 )
 
 
+# names that ROS accepts: relative, absolute, or private to the node
+_TOPIC = re.compile(r'(~?/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
+
+
+def require_topics(name: str, topics: Iterable[str]) -> None:
+    """Raise a ParameterError if an element of a parameter is not the name of a topic in ROS."""
+    for topic in topics:
+        if not _TOPIC.fullmatch(topic):
+            raise ParameterError(
+                f'{name} contains {topic!r}, which is not the name of a topic; next: use only '
+                'letters, digits and underscores, and no digit at the begin'
+            )
+
+
 def from_mapping(
     cls: type[Class], data: Mapping[str, Any], prefix: str = '', **defaults: Any
 ) -> Class:

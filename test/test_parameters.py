@@ -1,13 +1,19 @@
 """Settings check their values; parameter files are read as ROS reads them."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 import math
+import re
 
 import pytest
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.expand_topic_name import expand_topic_name
+from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.nodes.node_parameters import reject_unknown_parameters
+from facade_manipulator.nodes.node_settings import parameter_names
 from facade_manipulator.parameters import (
     from_mapping,
     parameter,
@@ -263,6 +269,44 @@ def test_number_with_leading_zeros_is_rejected(tmp_path, kind, number):
 def test_yaml_value_without_its_type_is_rejected(text, message):
     with pytest.raises(ParameterError, match=message):
         read_value(text)
+
+
+TOPIC_PARAMETERS = {
+    'software_stop_topics': 'driver',
+    'distances': 'disturbance_estimator',
+    'fixes': 'disturbance_estimator',
+    'poses': 'disturbance_estimator',
+}
+TOPICS = (
+    'fix x',
+    '1fix',
+    'a/1',
+    'a//b',
+    'a/',
+    '/',
+    'a-b',
+    'é',
+    'a\n',
+    'fix',
+    '_a1/b',
+    '/a/b',
+    '~/a',
+)
+
+
+@pytest.mark.parametrize('name', TOPIC_PARAMETERS)
+@pytest.mark.parametrize('topic', TOPICS)
+def test_topic_names_are_accepted_as_in_ros(name, topic):
+    try:
+        validate_full_topic_name(expand_topic_name(topic, 'node', '/gondola_1'))
+        rejection = nullcontext()
+    except (InvalidTopicNameException, ValueError):
+        message = (
+            f'{name} contains {topic!r}, which is not the name of a topic; next: use'
+        )
+        rejection = pytest.raises(ParameterError, match=re.escape(message))
+    with rejection:
+        parameter_names(TOPIC_PARAMETERS[name], {name: ['other', topic]})
 
 
 def test_table_that_contains_itself_is_rejected(tmp_path):

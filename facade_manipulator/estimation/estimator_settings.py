@@ -9,6 +9,7 @@ from facade_manipulator.parameters import (
     inherited,
     parameter,
     ParameterSource,
+    require_topics,
     settings,
 )
 
@@ -29,6 +30,11 @@ class SensorNames:
     poses: tuple[str, ...] = parameter(
         'Topics of estimators that publish the pose of the rail', default=('fix_pose',)
     )
+
+    def __post_init__(self) -> None:
+        """Raise a ParameterError if a topic has a name that ROS rejects."""
+        for kind in ('distances', 'fixes', 'poses'):
+            require_topics(kind, filter(None, getattr(self, kind)))
 
 
 @settings

@@ -17,7 +17,12 @@ from facade_manipulator.control_loop.loop_channel import LoopSetup
 from facade_manipulator.estimation.estimator_settings import EstimatorSetup
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.head_path import ReferenceSettings
-from facade_manipulator.parameters import parameter, ParameterSource, settings
+from facade_manipulator.parameters import (
+    parameter,
+    ParameterSource,
+    require_topics,
+    settings,
+)
 
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 
@@ -44,6 +49,10 @@ class DriverSettings:
         'Topics on which supervisors forbid power, one for each supervisor',
         default=('software_stop',),
     )
+
+    def __post_init__(self) -> None:
+        """Raise a ParameterError if a topic has a name that ROS rejects."""
+        require_topics('software_stop_topics', self.software_stop_topics)
 
 
 @settings
