@@ -51,13 +51,18 @@ def machine_files(given: Sequence[Path] = ()) -> list[Path]:
     else in the working directory, follows the first file unless it is given.
     """
     first, *others = given or [MACHINE_FILE]
-    overlay = first.with_name(OVERLAY)
+    overlay = overlay_of(first)
     is_given = any(path.absolute() == overlay.absolute() for path in given)
     if not given and not first.exists():
         first = config_path(MACHINE_FILE)
     if is_given or not overlay.exists():
         return [first, *others]
     return [first, overlay, *others]
+
+
+def overlay_of(first: Path) -> Path:
+    """Return the path of the `OVERLAY` that belongs to the first parameter file."""
+    return first.parent / OVERLAY  # also for a path without a name, such as `.`
 
 
 def import_path() -> list[str]:

@@ -53,6 +53,16 @@ UNKNOWN = {  # content of a file, and the name in the message
 
 
 @pytest.mark.parametrize('tool', TOOLS)
+@pytest.mark.parametrize('path', ['.', '', '..', '/'])
+def test_tool_rejects_folder_as_parameter_file(
+    tmp_path, monkeypatch, capsys, tool, path
+):
+    monkeypatch.chdir(tmp_path)
+    assert TOOLS[tool](path) == 1
+    assert 'it is a folder; next: name a file' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('tool', TOOLS)
 @pytest.mark.parametrize('mistake', UNKNOWN)
 @pytest.mark.parametrize('file', ['manipulator.yaml', 'machine.yaml'])
 def test_tool_rejects_unknown_name_with_its_file(

@@ -32,7 +32,7 @@ from facade_manipulator.package_files import (
     atomic_write,
     MACHINE_FILE,
     machine_files,
-    OVERLAY,
+    overlay_of,
 )
 from facade_manipulator.parameters import ParameterSource, read_value
 from facade_manipulator.tools.commissioning.tool_bus import ToolBus
@@ -113,7 +113,7 @@ class Context:
         self.options = options
         self.clock = clock or Clock()
         self._open_frames = open_frames
-        self.overlay = Overlay((options.parameters or MACHINE_FILE).with_name(OVERLAY))
+        self.overlay = Overlay(overlay_of(options.parameters or MACHINE_FILE))
         self.written = 'nothing'  #: results that the command wrote into the overlay
         self.state = ''  #: state of the drives if the command ended at present
         self._has_agreed = options.yes
