@@ -72,6 +72,75 @@ def test_drive_in_fault_is_configured_but_stopped(rig):
     assert 'next: home, activate' in rig.request('clear_faults')
 
 
+# --- objects that a drive rejects
+
+NOT_NOW = 0x08000022  # CiA 301: because of the present device state
+REJECTIONS = [0x06010000, 0x08000000, NOT_NOW]
+
+
+def reject(rig, key, code):
+    """Let the drives reject each request for an object with an abort code."""
+    deliver = rig.deliver
+    place = key[0].to_bytes(2, 'little') + bytes([key[1]])
+    abort = b'\x80' + place + code.to_bytes(4, 'little')
+
+    def deliver_aborts(frames):
+        changed = []
+        for cob_id, data in frames:
+            is_answer = cob_id & ~0x7F == cob_ids.SDO_RESPONSE
+            is_rejected = is_answer and data[1:4] == place
+            changed.append((cob_id, abort if is_rejected else data))
+        deliver(changed)
+
+    rig.deliver = deliver_aborts
+
+
+@pytest.mark.parametrize(
+    ('key', 'code'),
+    [
+        *(((0x100C, 0), code) for code in REJECTIONS),
+        ((0x1005, 0), NOT_NOW),
+        ((0x1006, 0), NOT_NOW),
+        ((0x1018, 4), NOT_NOW),
+    ],
+)
+def test_rejected_object_that_only_informs_is_absent(rig, key, code):
+    if key[0] == 0x1006:  # it is read from a drive that sends SYNC
+        rig.drives[0].objects.values[0x1005, 0] |= 1 << 30
+    reject(rig, key, code)
+    rig.request('configure')
+
+
+def test_operational_drive_that_rejects_1f80_may_have_a_master(rig):
+    for drive in rig.drives:
+        drive.objects.sdo.download(0x1017, 0, (20).to_bytes(2, 'little'))
+    rig.forge(0, bytes([1, 0]))  # NMT start
+    reject(rig, (0x1F80, 0), NOT_NOW)
+    assert 'q2 (node 2) is operational' in rig.rejection('configure')
+
+
+@pytest.mark.parametrize('key', [(0x60A8, 0), (0x6092, 1)])
+def test_rejected_unit_is_noted_as_not_checked(rig, key):
+    reject(rig, key, NOT_NOW)
+    configured(rig)
+    found = [one for one in rig.snapshot.notes if 'is not checked' in one]
+    assert len(found) == 3
+    assert f'rejects object {key[0]:04X}h:{key[1]:02X}' in found[0]
+    assert '; next: compare' in found[0]
+    rig.controller.stop('a reason to prove the units')
+    rig.run(0.1)
+    assert rig.rejection('clear_faults') is None
+
+
+@pytest.mark.parametrize('key', [(0x606C, 0), (0x1016, 1)])
+def test_rejected_object_that_is_needed_has_a_next_step(rig, key):
+    reject(rig, key, NOT_NOW)
+    message = rig.rejection('configure')
+    assert f'rejects object {key[0]:04X}h:{key[1]:02X}' in message
+    assert '(abort 0800 0022h)' in message
+    assert '; next: switch the drive off and on' in message
+
+
 def emergencies(rig):
     """Return the COB-IDs of the drives' emergency messages since the last call."""
     heard = [frame.cob_id for frame in rig.frames()]
