@@ -143,6 +143,7 @@ def expedited_number(answer: bytes) -> int | None:
 class SdoAbortError(DriveObjectError):
     """A drive aborted the transfer of an object; the message contains the SDO abort code."""
 
+    next_step = 'switch the drive off and on, and compare its profile with its manual'
     NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
 
     def __init__(self, message: str, code: int) -> None:
@@ -256,6 +257,13 @@ class SdoChannel:
             if not error.is_absent:
                 raise
         return None
+
+    def read_informative(self, index: int, subindex: int) -> Steps[int | None]:
+        """Read an object and return its value as a number; None if the drive rejects it."""
+        try:
+            return (yield from self.read_number(index, subindex))
+        except SdoAbortError:
+            return None
 
     def write(self, index: int, subindex: int, data: bytes) -> Steps[None]:
         """Write an object and wait until the drive confirms the write; raises as `read`."""

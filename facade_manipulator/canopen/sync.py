@@ -27,10 +27,10 @@ class SyncProducer:
 
     def find(self, objects: SdoChannel) -> Steps[int]:
         """Return the value of 1005h, and record whether the drive sends SYNC."""
-        cob_id = (yield from objects.read_optional(indices.COB_ID_SYNC, 0)) or 0
+        cob_id = (yield from objects.read_informative(indices.COB_ID_SYNC, 0)) or 0
         if cob_id & PRODUCER:
             self.is_found = True
-            period = yield from objects.read_optional(indices.SYNC_PERIOD, 0)
+            period = yield from objects.read_informative(indices.SYNC_PERIOD, 0)
             self.period = 1e-6 * (period or 0)
         return cob_id
 
@@ -47,7 +47,9 @@ class SyncProducer:
         try:
             yield from objects.write(indices.COB_ID_SYNC, 0, data)
         except DriveObjectError as error:
-            raise DriveObjectError(f'{found}: {error}; next: {remedy}') from error
+            raise DriveObjectError(
+                f'{found}: {error.problem}; next: {remedy}'
+            ) from error
 
         present = yield from objects.read_optional(indices.COB_ID_SYNC, 0)
         if (present or 0) & PRODUCER:

@@ -284,7 +284,7 @@ def check_identity(
         (2, 'product_code'),
         (4, 'serial_number'),
     ):
-        numbers[name] = yield from drive.read_optional(indices.IDENTITY, subindex)
+        numbers[name] = yield from drive.read_informative(indices.IDENTITY, subindex)
     for name, actual in numbers.items():
         configured = getattr(axis, name)
         if not configured or actual == configured:

@@ -17,7 +17,7 @@ from facade_manipulator.canopen import cob_ids, indices, nmt
 from facade_manipulator.canopen.bus import CanBus, Frame
 from facade_manipulator.canopen.clock import Clock
 from facade_manipulator.canopen.nmt import SupervisedHeartbeat
-from facade_manipulator.canopen.sdo import SdoChannel, Steps
+from facade_manipulator.canopen.sdo import SdoAbortError, SdoChannel, Steps
 from facade_manipulator.canopen.sync import SyncProducer
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.configuration import (
@@ -155,7 +155,13 @@ class SdoAccess:
         """Write and verify all objects; return notes about skipped objects and missing checks."""
         notes = yield from self.sync.end(self.objects)
         notes += yield from apply(self.objects, self._writes)
-        problems = yield from self._unit_conflicts()
+        rejected: list[str] = []
+        problems = yield from self._unit_conflicts(rejected)
+        for rejection in rejected:
+            notes.append(
+                f'{rejection}, so that this unit is not checked; next: compare the unit in the '
+                'manual of the drive with its profile'
+            )
         if problems:
             raise DriveObjectError(*problems)
         self.stops_without_master = yield from stops_without_master(
@@ -168,16 +174,28 @@ class SdoAccess:
             )
         return notes
 
-    def _unit_conflicts(self) -> Steps[list[str]]:
-        """Describe the drive units that differ from the axis settings."""
-        conflicts = yield from unit_conflicts(self.objects.read_optional, self._axis)
+    def _unit_conflicts(self, rejected: list[str]) -> Steps[list[str]]:
+        """
+        Describe the drive units that differ from the axis settings.
+
+        `rejected` takes the rejections of a drive that has a unit, but does not let it be read.
+        """
+
+        def read(index: int, subindex: int) -> Steps[int | None]:
+            try:
+                return (yield from self.objects.read_optional(index, subindex))
+            except SdoAbortError as error:
+                rejected.append(error.problem)
+                return None
+
+        conflicts = yield from unit_conflicts(read, self._axis)
         return [f'{self._title}: {problem}' for problem in conflicts]
 
     def prove(self) -> Steps[None]:
         """Check identity, units and objects without writing."""
         yield from self.identify()
         compared = yield from check(self.objects, self._writes)
-        problems = yield from self._unit_conflicts()
+        problems = yield from self._unit_conflicts([])
         problems += compared.problems.values()
         if problems:
             raise DriveObjectError(*problems)
@@ -194,7 +212,7 @@ class SdoAccess:
         if state is None:
             return ''  # the drive is absent, or its reset shows the problem
         yield from self.sync.find(self.objects)
-        guard_time = yield from self.objects.read_optional(indices.GUARD_TIME, 0)
+        guard_time = yield from self.objects.read_informative(indices.GUARD_TIME, 0)
         self.guard_time = 1e-3 * (guard_time or 0)
 
         speed = yield from self.objects.read_optional(
@@ -222,7 +240,7 @@ class SdoAccess:
 
     def _starts_itself(self) -> Steps[bool]:
         """Return whether the drive becomes operational after boot-up without a command."""
-        startup = yield from self.objects.read_optional(indices.NMT_STARTUP, 0)
+        startup = yield from self.objects.read_informative(indices.NMT_STARTUP, 0)
         is_stored = startup is not None and not startup & nmt.WAITS_FOR_START
         return self._profile.quirks.starts_itself or is_stored
 
