@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable, Sequence
 import logging
 from pathlib import Path
+import re
 import sys
 from typing import Any
 
@@ -23,7 +24,8 @@ from facade_manipulator.tools.parameter_files import announce
 
 def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
     """Run a command; return its exit status. `access` provides bus and clock for the context."""
-    options = _parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    options = _parser().parse_args(_with_decimal_points(words))
     for name in ('can', 'canopen'):  # the command reports errors of both
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     context = Context(options, **access)
@@ -36,6 +38,20 @@ def main(arguments: Sequence[str] | None = None, **access: Any) -> int:
         written = f'Written into {context.overlay.path}: {context.written}'
         print(*filter(None, (context.state, written)), sep='\n', file=sys.stderr)
     return status
+
+
+_MILLIMETRES = re.compile(r'([-+]?\d+)(?:[.,](\d+))?(?: ?mm)?')
+
+
+def _with_decimal_points(words: Sequence[str]) -> list[str]:
+    """Return the words of a command; argparse would take -39,8 or -40mm for an option."""
+    result = []
+    for word in words:
+        if number := _MILLIMETRES.fullmatch(word):
+            whole, fraction = number.groups()
+            word = f'{whole}.{fraction}' if fraction else whole
+        result.append(word)
+    return result
 
 
 STEPS = [

@@ -88,6 +88,18 @@ def test_lead_is_corrected_by_the_ruler(rig):
     assert rig.parameters['q3.lead'] == pytest.approx(0.01, rel=1e-3)
 
 
+@pytest.mark.parametrize('measured', ['-3,0', '-3.0', '-3', '-3,0mm', '-3mm', '-3 mm'])
+def test_negative_ruler_distance_is_read_as_option(rig, measured):
+    assert rig.run('lead', 'q3', '--travel', '-6,0', '--measured', measured) == 0
+    assert rig.parameters['q3.lead'] == pytest.approx(0.01, rel=1e-3)
+
+
+def test_distance_with_decimal_comma_is_moved(rig):
+    before = rig.places
+    assert rig.run('jog', 'q2', '-2,5', '--speed', '12,5') == 0
+    assert np.subtract(rig.places, before) == pytest.approx([-0.0025] * 3, abs=1e-4)
+
+
 @pytest.mark.parametrize('measured', ['0', 'nan', '9000', '-10', 'much'])
 def test_impossible_ruler_distance_is_rejected(rig, rejected, measured):
     said = rejected('lead', 'q1', '--travel', '6', '--measured', measured)
