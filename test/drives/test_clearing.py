@@ -8,9 +8,11 @@ import pytest
 from facade_manipulator.canopen import cob_ids
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.drives.states import State
+from facade_manipulator.errors import DriveError
 
 POSITION_LOST = 0x7320
 UNDERVOLTAGE = 0x3220
+OVERCURRENT = 0x2310
 ERROR_RESET = bytes(2)
 
 
@@ -80,3 +82,23 @@ def test_clear_faults_forgets_errors_and_warnings(rig, drop_emergencies):
         assert not axis.error_code
         assert not axis.error
         assert not axis.warning
+
+
+def test_cause_during_clear_faults_remains_until_the_next(rig):
+    at_rest(rig)
+    fail(rig, UNDERVOLTAGE)
+    job = rig.ask('clear_faults')
+    rig.run(0.01)
+    assert not job.done()
+    rig.controller.stop('the operator stops again')
+    rig.inject(1, lambda drive: drive.inject_fault(OVERCURRENT))
+    with pytest.raises(DriveError, match='The faults remain.*2310h') as caught:
+        rig.finish(job)
+    assert 'the operator stops again' in str(caught.value)
+    assert rig.state is ControllerState.STOPPED
+    assert '3220h' in rig.snapshot.cause
+
+    cleared = rig.request('clear_faults')
+    for cause in ('3220h', 'the operator stops again', '2310h'):
+        assert cause in cleared
+    rig.request('activate')
