@@ -9,7 +9,7 @@ The controller closes a bus whose drives are not configured when no request is l
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from facade_manipulator.canopen.sdo import Steps
@@ -140,14 +140,34 @@ def halt(controller: DriveController) -> Steps[str]:
 def clear_faults(controller: DriveController) -> Steps[str]:
     """End a halt, or verify the configuration of the drives and reset their faults."""
     group = controller.group
-    reason = group.reason
+    causes = group.causes
     if group.state is GroupState.HALTED:
         group.enable(controller.now)
         return 'The halt is ended; the drives follow setpoints.'
-    if not reason:
+    if not causes:
         return 'There is no fault to clear.'
 
     group.require_resettable()
+    yield from _prove_configuration(controller)
+    while not group.has_stopped:
+        yield
+    # The operator has not seen these causes, such as another stop by the operator.
+    further = [cause for cause in group.causes if cause not in causes]
+    if further:
+        raise DriveError(
+            f'The faults remain, because the drives were stopped again: {_messages(further)}'
+        )
+    group.reset(controller.now)
+    while not (group.is_stopped or group.has_done(GroupState.INACTIVE)):
+        yield
+    if group.is_stopped:
+        raise DriveError(f'The faults remain: {_messages(group.causes)}')
+    return f'The faults are cleared ({_messages(causes)}).'
+
+
+def _prove_configuration(controller: DriveController) -> Steps[None]:
+    """Verify the configuration of stopped drives; raise a DriveError if a drive differs."""
+    group = controller.group
     try:
         # stopped nodes have no SDO
         stopped = [axis for axis in controller.axes if axis.node.state == 'STOPPED']
@@ -162,15 +182,10 @@ def clear_faults(controller: DriveController) -> Steps[str]:
         group.stop(cause, controller.now)
         raise DriveError(f'The faults remain: {error.problem}') from error
 
-    while not group.has_stopped:
-        yield
-    group.reset(controller.now)
-    while not (group.is_stopped or group.has_done(GroupState.INACTIVE)):
-        yield
-    if group.is_stopped:
-        causes = '; '.join(cause.message for cause in group.causes)
-        raise DriveError(f'The faults remain: {causes}')
-    return f'The faults are cleared ({reason}).'
+
+def _messages(causes: Iterable[Cause]) -> str:
+    """Return the messages of causes, separated by semicolons."""
+    return '; '.join(cause.message for cause in causes)
 
 
 def self_test(controller: DriveController) -> Steps[dict[str, str]]:
