@@ -83,10 +83,11 @@ def correction_component(
 
 
 def contact_components(compensator: Compensator) -> list[Component]:
-    """Return the component of the wall contact, or none while contact is disabled."""
+    """Return the component of the contact, or none while it is disabled and shifts no goal."""
     contact = compensator.contact
     pressing = contact.pressing
-    if not (contact.lateral.enabled or pressing.settings.enabled):
+    is_enabled = contact.lateral.enabled or pressing.settings.enabled
+    if not is_enabled and not any(contact.present):
         return []
     level = 'ok'
     if pressing.is_hindered:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 import math
 
-from facade_manipulator.compensation.contact_force import OLDEST_WRENCH
+from facade_manipulator.compensation.contact_force import OLDEST_WRENCH, towards
 from facade_manipulator.compensation.contact_phases import (
     CONTACT_CLOCK_TOLERANCE,
     ContactSettings,
@@ -77,6 +77,10 @@ class LateralRegulator:
                 max(self.shift + step, -self.LATERAL_RANGE), self.LATERAL_RANGE
             )
 
+    def release(self, interval: float) -> None:
+        """Return the shift to 0 over an interval [s], while the regulator is disabled."""
+        self.shift = towards(self.shift, 0.0, self.LATERAL_SPEED * interval)
+
 
 class Contact:
     """Contact with the wall: checks its measurements and shifts the goal in each cycle."""
@@ -95,6 +99,18 @@ class Contact:
         """Return the current shift of the goal [m, m, rad]."""
         pressing = self.pressing
         return Pose(self.regulator.shift, pressing.normal.shift, pressing.theta.offset)
+
+    @property
+    def lasting_shift(self) -> Pose:
+        """Return the shift of the goal, without a lateral shift that returns to 0 [m, m, rad]."""
+        return self.present if self.lateral.enabled else self.present._replace(x=0.0)
+
+    @property
+    def release_time(self) -> float:
+        """Return the time until a disabled lateral shift has returned to 0 [s]."""
+        if self.lateral.enabled:
+            return 0.0
+        return abs(self.regulator.shift) / self.regulator.LATERAL_SPEED
 
     def add_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
         """
@@ -136,6 +152,8 @@ class Contact:
         """
         if self.lateral.enabled:
             self.regulator.step(now, interval, around.saturation_error.x)
+        else:
+            self.regulator.release(interval)
         self.pressing.step(now, time, interval, around)
         shifted = add(reference, self.present)
         self.yaw = shifted.theta

@@ -216,13 +216,19 @@ class Compensator:
             return None
         stamp, head = newest
         on_wall = compose(correction.disturbance(stamp), head)
-        return difference(add(self.goal, self.contact.present), on_wall)
+        return difference(add(self.goal, self.contact.lasting_shift), on_wall)
 
     def path_time(self, now: float) -> float:
-        """Return the remaining time of the path to the goal [s]; infinite without a path."""
+        """
+        Return the remaining time of the path to the goal [s]; infinite without a path.
+
+        While a disabled lateral shift returns to 0, the path lasts at least until its return.
+        """
         if self.newest is None or self.goal != self._reference.goal:
             return math.inf
-        return self._reference.arrival() - now
+        remaining = self._reference.arrival() - now
+        release_time = self.contact.release_time
+        return max(remaining, release_time) if release_time else remaining
 
     def add_estimate(
         self,

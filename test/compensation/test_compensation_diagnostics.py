@@ -24,6 +24,7 @@ from facade_manipulator.compensation.pose_compensator import (
 )
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose, ZERO_POSE
+from facade_manipulator.kinematics.planar import millimetres
 
 POSE = Pose(0.001, -0.02, math.radians(3.0))
 UNMEASURED = 'x is not measured or too uncertain; next: check the sensor'
@@ -134,6 +135,17 @@ def test_unmeasured_axis_is_a_warning_without_a_deviation(goal):
     assert not any('inf' in text for text in deviations[1:])
 
 
+@pytest.mark.parametrize(('x', 'y'), [(0.1, 0.0), (0.0, -0.05)])
+def test_disabled_contact_is_shown_while_it_shifts(compensator, x, y):
+    contact = compensator.contact
+    assert contact_components(compensator) == []
+    contact.regulator.shift = x
+    contact.pressing.normal.law.offset = y
+    ((_, level, message, values),) = contact_components(compensator)
+    assert (level, message) == ('ok', 'not pressing')
+    assert values['shift of the goal'] == millimetres(Pose(x, y, 0.0))
+
+
 def test_contact_values_have_the_unit_of_their_key(compensator):
     contact = compensator.contact
     pressing = contact.pressing
@@ -144,7 +156,6 @@ def test_contact_values_have_the_unit_of_their_key(compensator):
     contact.regulator.shift = 0.001
     pressing.normal.law.offset = -0.02
     pressing.theta.offset = POSE.theta
-    assert contact_components(compensator) == []  # nothing is enabled
     pressing.settings = ContactSettings(enabled=True)
     ((_, level, _, values),) = contact_components(compensator)
     expected = {

@@ -595,6 +595,17 @@ def test_shift_is_bounded_in_speed_and_range_and_returns(felt):
     assert abs(offsets[-1]) < 1e-4
 
 
+@pytest.mark.parametrize('saturation_error', [0.01, 0.0, -0.01])
+def test_disabled_regulator_returns_its_shift(felt, saturation_error):
+    slide(felt, 1.0, 8.0)
+    felt.lateral = LateralSettings()
+    assert felt.lasting_shift.x == 0.0
+    assert felt.release_time == pytest.approx(2.0)
+    offsets = slide(felt, 1.0, 3.0, saturation_error)
+    assert felt.present.x == felt.release_time == 0.0
+    assert abs(np.diff(offsets[10:])).max() <= 0.05 * PERIOD + 1e-12
+
+
 @pytest.mark.parametrize(('saturation_error', 'moves'), [(0.01, False), (-0.01, True)])
 def test_shift_stops_at_the_workspace_limit(felt, saturation_error, moves):
     slide(felt, 0.02, 1.0, saturation_error)

@@ -307,6 +307,18 @@ def test_wall_beyond_the_range_is_reported_as_held_back(machine):
     assert contact_components(machine.head.compensator)[0][1] == 'error'
 
 
+def test_goal_is_not_reached_while_a_lateral_shift_ends(machine):
+    """The regulator was disabled with a shift of 0.1 m; the path of 0.02 m takes 0.6 s."""
+    machine.follow(GOAL, '1.0')
+    machine.run(LONG)
+    machine.head.compensator.contact.regulator.shift = 0.1
+    machine.follow(GOAL._replace(x=GOAL.x + 0.02), '2.0')
+    sent = machine.run(1.9)
+    assert states(sent) == ['moving']
+    assert float(sent[0]['time to go [s]']) > 1.5
+    assert states(machine.run(1.0)) == ['moving', 'reached']
+
+
 def test_goal_of_an_unmeasured_head_is_held_back(machine):
     """With two publishers of joint_states the ik_service publishes no pose of the head."""
     machine.follow(GOAL, '1.0')
