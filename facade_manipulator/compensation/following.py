@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from facade_manipulator.errors import InputError
+from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.kinematics import difference, MotionState, Pose, Twist
 from facade_manipulator.motion.timed_buffer import KEPT_TIME, TimedBuffer
 from facade_manipulator.rejections import Rejections
@@ -22,6 +22,9 @@ class Following:
     LEAST_SPEED = 0.02
     # s, time constant with which the lag is measured: drives change it slowly
     LAG_MEMORY = 10.0
+    # s, maximum lead of a stamp, so that a pose stamped before the clock was set back does not
+    # exclude later poses
+    LARGEST_LEAD = 0.1
     GREATEST_LAG = 0.05  # s, maximum compensated lag; a larger lag is a fault
 
     def __init__(self) -> None:
@@ -46,14 +49,18 @@ class Following:
         """Store the pose published for a time [s]; discard poses for this time or later."""
         self._path.append(time, pose)
 
-    def add_head(self, stamp: float, head: Pose) -> None:
+    def add_head(self, now: float, stamp: float, head: Pose) -> None:
         """
-        Compare the head pose measured at a stamp [s, monotonic] with the published path.
+        Compare the head pose measured at a stamp with the published path.
 
-        Without a path, the head counts as following its path. Raises an InputError if the pose is
-        not newer than the previous pose. A pose that is more than `KEPT_TIME` older is accepted,
-        because the clock was set back.
+        Present time and stamp are in seconds on the monotonic clock. Without a path, the head
+        counts as following its path. Raises an InputError if the pose is stale, from the future
+        or not newer than the previous pose. A pose that is more than `KEPT_TIME` older than the
+        previous pose is accepted, because the clock was set back.
         """
+        require_recent(
+            'end_effector_pose', now - stamp, OFF_PATH_TIME, self.LARGEST_LEAD
+        )
         if self._head is not None and 0.0 <= self._head[0] - stamp <= KEPT_TIME:
             raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)
         interval = 0.0 if self._head is None else max(stamp - self._head[0], 0.0)

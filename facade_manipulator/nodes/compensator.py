@@ -152,7 +152,7 @@ class CompensatorNode(BaseNode):
         """Receive time [s, monotonic] and pose of the head from an ik_service in this process."""
         self.inputs.accept(
             topics.END_EFFECTOR_POSE,
-            partial(self._compensator.following.add_head, time, head),
+            partial(self._compensator.following.add_head, monotonic(), time, head),
             partial(self._reject_head, None),
         )
 
@@ -228,6 +228,7 @@ class CompensatorNode(BaseNode):
 
     def _receive_head(self, message: PoseStamped) -> None:
         self._compensator.following.add_head(
+            monotonic(),
             steady_seconds(message.header.stamp),
             planar_messages.planar_pose(message.pose, 'end_effector_pose'),
         )

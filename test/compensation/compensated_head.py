@@ -84,7 +84,7 @@ class CompensatedHead:
         for _ in range(round(duration / PERIOD)):
             if self.head is not None:
                 with suppress(InputError):  # the clock was set back
-                    self.compensator.following.add_head(self.now, self.head)
+                    self.compensator.following.add_head(self.now, self.now, self.head)
             self._true += PERIOD
             while (
                 stamp := START + self.count / self._rate

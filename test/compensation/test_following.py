@@ -23,7 +23,7 @@ def run(duration, head, path=course):
     following.begin(1000.0)
     for now in np.arange(1000.0, 1000.0 + duration, PERIOD):
         following.publish(now + 0.06, path(now + 0.06))
-        following.add_head(now, head(now))
+        following.add_head(now, now, head(now))
     return following, now
 
 
@@ -54,7 +54,7 @@ def test_lag_of_a_head_that_starts_has_no_jump(lag):
 
     for now in np.arange(1000.0, 1006.0, PERIOD):
         following.publish(now + 0.06, path(now + 0.06))
-        following.add_head(now, path(now - lag))
+        following.add_head(now, now, path(now - lag))
         lags.append(following.lag)
     assert lags[-1] == pytest.approx(lag, rel=0.05)
     assert np.abs(np.diff(lags)).max() < 0.05 * abs(lag)
@@ -83,4 +83,19 @@ def test_unmeasured_head_is_not_off_its_path():
     assert following.newest(now + 1.0) is None
     assert not following.is_off_path(now + 1.0)
     with pytest.raises(InputError, match='0.050 s older'):
-        following.add_head(now - 0.05, course(now))
+        following.add_head(now, now - 0.05, course(now))
+
+
+def test_head_from_the_future_does_not_exclude_later_poses():
+    """A pose that was stamped before the clock was set back is ahead of all later poses."""
+    following, now = run(1.0, course)
+    with pytest.raises(InputError, match='1.000 s from the future'):
+        following.add_head(now, now + 1.0, course(now))
+    following.add_head(now + PERIOD, now + PERIOD, course(now + PERIOD))
+    assert following.newest(now + PERIOD)[0] == now + PERIOD
+
+
+def test_stale_head_is_rejected():
+    following, now = run(1.0, course)
+    with pytest.raises(InputError, match='1.000 s old'):
+        following.add_head(now + 2.0, now + 1.0, course(now))

@@ -126,7 +126,7 @@ def test_goal_error_vanishes_under_a_constant_disturbance():
     assert max(map(abs, compensator.goal_error(run.now))) < 1e-4
     assert compensator.path_time(run.now) < 0.0
     aside = relative(RAIL, GOAL._replace(x=GOAL.x - 0.03))
-    compensator.following.add_head(run.now + 1e-3, aside)
+    compensator.following.add_head(run.now, run.now + 1e-3, aside)
     assert compensator.goal_error(run.now).x == pytest.approx(0.03, abs=1e-4)
     # the pose of the head is too old
     assert compensator.goal_error(run.now + 5.0) is None
