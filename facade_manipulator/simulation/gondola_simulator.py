@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 import os
 import threading
+from time import monotonic
 from typing import Any
 
 from geometry_msgs.msg import Point, PoseStamped, PoseWithCovariance, Vector3
@@ -57,7 +58,8 @@ class GondolaSimulatorNode(BaseNode):
         setup = SimulatorSetup.read(NodeParameters(self))
         scenario = load_scenario(setup.world.scenario)
         self._mechanism = Mechanism(setup.geometry)
-        self._world = World(scenario, setup.geometry, conversions.ros_time())
+        # on the monotonic clock, because the system clock may be set
+        self._world = World(scenario, setup.geometry, monotonic())
         self._frames = planar_messages.Frames.of(self.get_namespace())
         self.diagnostics = Diagnostics(
             self, lambda: [diagnostic_status('world', 'ok', 'simulating', {})]
@@ -102,12 +104,12 @@ class GondolaSimulatorNode(BaseNode):
         output: Any = self._outputs[topic]
         message = output.msg_type(**fields)
         message.header.frame_id = frame_id
-        message.header.stamp = conversions.stamp(time)
+        message.header.stamp = conversions.stamp(conversions.system_time(time))
         output.publish(message)
 
     def _deliver(self) -> None:
         """Publish measurements whose latency has passed; advance a world without drives."""
-        now = conversions.ros_time()
+        now = monotonic()
         if now - self._world.time > self.CARRIAGE_SILENCE:
             self._advance(now - self.CARRIAGE_SILENCE, self._world.carriages)
 
@@ -141,7 +143,7 @@ class GondolaSimulatorNode(BaseNode):
         )
         carriages = Carriages(*positions)
         self._mechanism.forward_kinematics(carriages)  # rejects impossible positions
-        self._advance(planar_messages.seconds(joints.header.stamp), carriages)
+        self._advance(conversions.steady_seconds(joints.header.stamp), carriages)
 
         for name, pose in self._poses.items():
             if self._outputs[name].get_subscription_count():

@@ -7,9 +7,14 @@ from nodes.test_disturbance_estimator import PERIOD, Sensors
 from nodes.test_ik_service import Bench, MIDDLE
 import pytest
 
+from facade_manipulator import topics
 from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.nodes.conversions import ros_time
+from facade_manipulator.nodes.planar_messages import seconds
+from facade_manipulator.simulation.gondola_simulator import GondolaSimulatorNode
 
+ESTIMATES = (*topics.DISTURBANCE[:2], topics.DISTURBANCE.subscription_qos)
 STEPS = pytest.mark.parametrize('step', [-0.3, -0.05, 0.05, 0.3])
 
 
@@ -67,3 +72,15 @@ def test_path_continues_after_a_clock_step(ros, set_clock, step):
     ros.until(lambda: len(neighbours.corrected) > count, 'more corrected poses')
     assert neighbours.compensation.initialisations == before
     assert neighbours.compensation.correction.mode is CorrectionMode.ACTIVE
+
+
+@pytest.mark.parametrize('step', [-3600.0, 3600.0])
+def test_simulated_world_continues_after_a_clock_step(ros, set_clock, step):
+    ros.add(GondolaSimulatorNode())
+    estimates = ros.collect(ros.node(), *ESTIMATES)
+    ros.until(lambda: len(estimates) > 20, 'estimates')
+    set_clock(step)
+    count = len(estimates) + 50
+    ros.until(lambda: len(estimates) > count, 'more estimates')
+    age = ros_time() - seconds(estimates[-1].header.stamp)
+    assert abs(age) < 1.0
