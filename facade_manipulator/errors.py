@@ -273,6 +273,9 @@ class DriveObjectError(DriveError):
         self.findings = findings
 
 
+DISK_FULL = f'writing failed: the file system is full{NEXT}free some space'
+
+
 def file_reason(error: OSError) -> str:
     """Return why a user's file cannot be used, without the file's path."""
     reason, _ = _FILE_FAILURES.get(error.errno or 0, (str(error.strerror), ''))
@@ -282,6 +285,8 @@ def file_reason(error: OSError) -> str:
 def file_sentence(error: OSError) -> str:
     """Describe the failure of a user's file in one sentence with its path and the next step."""
     if error.filename is None:
-        return str(error)
+        # a write names no file
+        is_full = error.errno == errno.ENOSPC
+        return DISK_FULL if is_full else str(error)
     _, step = _FILE_FAILURES.get(error.errno or 0, ('', 'check this path'))
     return f'{error.filename} rejected: {file_reason(error)}; next: {step}'

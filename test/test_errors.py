@@ -1,6 +1,7 @@
 """Messages for an operator: one text, one next step."""
 
 import ast
+import errno
 from functools import cache
 from pathlib import Path
 import re
@@ -11,6 +12,7 @@ import facade_manipulator
 from facade_manipulator.errors import (
     attributed,
     DriveObjectError,
+    file_sentence,
     InputError,
     joined,
     LimitError,
@@ -226,3 +228,10 @@ def test_findings_of_a_drive_are_joined_once():
     assert str(error) == (
         'q1: 6065h differs; it has 2 bytes; q1: 1016h is missing; next: replace q1'
     )
+
+
+def test_full_file_system_has_a_next_step():
+    """The error of a write contains no file name."""
+    sentence = file_sentence(OSError(errno.ENOSPC, 'No space left on device'))
+    assert sentence == 'writing failed: the file system is full; next: free some space'
+    assert file_sentence(OSError(errno.EPIPE, 'Broken pipe')).endswith('Broken pipe')
