@@ -116,6 +116,7 @@ def connected(ros, hostile, name):
     def services():
         return hostile.get_service_names_and_types_by_node(name, '/')
 
+    ros.until(lambda: name in hostile.get_node_names(), 'the node')
     ros.until(lambda: len(subscriptions()) > 1 and len(services()) > 5, 'the graph')
     publishers = []
     for topic, kinds in subscriptions():

@@ -91,8 +91,12 @@ class Practice:
         words = shlex.split(command.removeprefix(COMMISSION))
         words += FASTER.get(words[0], []) if words else []
         is_first = words == ['scan'] and not self.overlay.steps()
+        places = {axis: self._place(axis) for axis in AXIS_NAMES}
         with limited(line, COMMAND_LIMIT):
-            patiently(lambda: self._commission(words, push, int(is_first)))
+            patiently(
+                lambda: self._commission(words, push, int(is_first)),
+                lambda: self._return_to(places),
+            )
 
     def push(self, lines: list[str]) -> None:
         """Type the lines of a block in terminal 1; `…` is the way to the parking place."""
@@ -137,6 +141,13 @@ class Practice:
     def _place(self, axis: str) -> float:
         """Return the place of a carriage by the ruler [mm]."""
         return float(re.search(rf'{axis} (\S+) mm', self._type('ruler'))[1])
+
+    def _return_to(self, places: dict[str, float]) -> None:
+        """Push the carriages back to their places [mm], so that a second try begins there."""
+        for axis, place in places.items():
+            way = place - self._place(axis)
+            if abs(way) > 0.1:
+                self._type(f'push {axis} {way:.1f}')
 
     # --- terminal 2
 
