@@ -100,6 +100,29 @@ class ParameterError(ManipulatorError, ValueError):
     """A parameter is not finite, is out of range, or contradicts another parameter."""
 
 
+# decimals of a double: more digits show no further difference
+_MOST_DIGITS = 17
+
+
+def compared(value: float, limit: float, form: str = '.6g') -> tuple[str, str]:
+    """
+    Return the texts of a value and its limit, with enough digits that they compare alike.
+
+    The value has at least the digits of its format. A value above its limit is never printed as
+    equal to this limit.
+    """
+    digits = int(form[1:-1])
+    for more in range(_MOST_DIGITS):
+        value_text = f'{value:.{digits + more}{form[-1]}}'
+        limit_text = f'{limit:.{max(6, digits + more)}g}'
+        shown_value = float(value_text)
+        shown_limit = float(limit_text)
+        is_below_alike = (shown_value < shown_limit) == (value < limit)
+        if is_below_alike and (shown_value > shown_limit) == (value > limit):
+            break
+    return value_text, limit_text
+
+
 class InputError(ManipulatorError):
     """A message is rejected; `reason`, such as ``'stale'``, selects the counter of rejections."""
 
@@ -158,14 +181,16 @@ def require_recent(
     Raises an InputError with reason ``'stale'`` or ``'future'``.
     """
     if not age <= maximum_age:  # NaN is also rejected
-        problem = f'{quantity} is {age:.3f} s old, above the limit {maximum_age:g} s'
+        age_text, limit = compared(age, maximum_age, '.3f')
+        problem = f'{quantity} is {age_text} s old, above the limit {limit} s'
         if age > MISSING_STAMP_AGE:
             problem += f'{NEXT}stamp the message with the system time'
         raise InputError('stale', problem)
     if -age > maximum_lead:
+        lead_text, limit = compared(-age, maximum_lead, '.3f')
         raise InputError(
             'future',
-            f'{quantity} is {-age:.3f} s from the future, above the limit {maximum_lead:g} s',
+            f'{quantity} is {lead_text} s from the future, above the limit {limit} s',
         )
 
 
@@ -204,9 +229,10 @@ class LimitError(ManipulatorError):
         self.unit = unit
         suffix = f' {unit}' if unit else ''
         source = f' ({parameter})' if parameter else ''
+        value_text, bound_text = compared(value, bound)
         super().__init__(
-            f'{quantity} = {value:.6g}{suffix} is {relation} the limit '
-            f'{bound:.6g}{suffix}{source}'
+            f'{quantity} = {value_text}{suffix} is {relation} the limit '
+            f'{bound_text}{suffix}{source}'
         )
 
 

@@ -17,7 +17,7 @@ from typing import Any, dataclass_transform, TypeVar
 
 import yaml
 
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import compared, ParameterError
 
 NODES = (
     'driver',
@@ -197,10 +197,13 @@ def _require_in_range(name: str, value: Any, info: ParameterInfo) -> None:
             ('above its maximum', 'at most', info.maximum, -1.0),
         ):
             if limit is not None and sign * element < sign * limit:
+                value_text = number_text(element)
+                limit_text = number_text(limit)
+                if value_text == limit_text:
+                    value_text, limit_text = compared(element, limit)
                 raise ParameterError(
-                    f'{name} = {number_text(element)}{unit} is {side} '
-                    f'{number_text(limit)}{unit}; '
-                    f'next: set {step} {number_text(limit)}{unit}'
+                    f'{name} = {value_text}{unit} is {side} {limit_text}{unit}; '
+                    f'next: set {step} {limit_text}{unit}'
                 )
 
 

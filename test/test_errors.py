@@ -3,14 +3,18 @@
 import ast
 import errno
 from functools import cache
+import math
 from pathlib import Path
 import re
 
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 
 import facade_manipulator
 from facade_manipulator.errors import (
     attributed,
+    compared,
     DriveObjectError,
     file_sentence,
     InputError,
@@ -21,6 +25,9 @@ from facade_manipulator.errors import (
     ParameterError,
     require_recent,
 )
+from facade_manipulator.kinematics import Geometry, Mechanism, Pose
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.parameters import from_mapping, parameter_fields
 
 PACKAGE = Path(facade_manipulator.__file__).parent
 DOUBLED = re.compile(r'\b([a-z_]{2,}):? \1\b', re.IGNORECASE)
@@ -235,3 +242,68 @@ def test_full_file_system_has_a_next_step():
     sentence = file_sentence(OSError(errno.ENOSPC, 'No space left on device'))
     assert sentence == 'writing failed: the file system is full; next: free some space'
     assert file_sentence(OSError(errno.EPIPE, 'Broken pipe')).endswith('Broken pipe')
+
+
+@pytest.mark.parametrize('form', ['.6g', '.4g', '.3f', '.1f'])
+@given(
+    limit=st.floats(-1e6, 1e6, allow_subnormal=False),
+    value=st.floats(-1e6, 1e6, allow_subnormal=False),
+    steps=st.integers(-3, 3),
+)
+def test_value_and_limit_compare_alike_as_texts(form, limit, value, steps):
+    if steps:  # a neighbour of the limit
+        value = limit
+        for _ in range(abs(steps)):
+            value = math.nextafter(value, math.copysign(math.inf, steps))
+    value_text, limit_text = map(float, compared(value, limit, form))
+    if abs(value - limit) > 1e-12 or form.endswith('g'):
+        assert (value_text > limit_text) == (value > limit)
+        assert (value_text < limit_text) == (value < limit)
+
+
+@pytest.mark.parametrize(
+    ('value', 'limit', 'texts'),
+    [
+        (0.6, 0.5, ('0.6', '0.5')),
+        (0.5 + 1e-9, 0.5, ('0.500000001', '0.5')),
+        (0.1234569, 0.12345678, ('0.1234569', '0.1234568')),
+        (0.0, 0.0, ('0', '0')),
+        (math.nan, 0.5, ('nan', '0.5')),
+        (math.inf, 0.5, ('inf', '0.5')),
+    ],
+)
+def test_texts_have_only_the_digits_that_differ(value, limit, texts):
+    assert compared(value, limit) == texts
+
+
+ABOVE = 1.0 + 1e-9
+LONGEST = parameter_fields(Geometry)['link_length'].maximum
+
+
+@pytest.mark.parametrize(
+    'reject',
+    [
+        lambda: Mechanism(Geometry()).certify(Pose(0.6, 0.25, 0.0)),
+        lambda: Mechanism(Geometry()).certify(_beside_the_stroke()),
+        lambda: Geometry(carriage_gap=0.02, carriage_length=0.02 * ABOVE),
+        lambda: Geometry(carriage_gap=Geometry.platform_half_length),
+        lambda: from_mapping(Geometry, {'link_length': LONGEST * ABOVE}),
+        lambda: MotionLimits(acceleration=5.0 * ABOVE, jerk=5.0),
+        lambda: require_recent('pose', 0.1 * ABOVE, 0.1, 0.1),
+        lambda: require_recent('pose', -0.1 * ABOVE, 0.1, 0.1),
+    ],
+)
+def test_message_about_a_limit_contains_no_equal_numbers(reject):
+    with pytest.raises(ManipulatorError) as rejected:
+        reject()
+    value, limit = re.findall(r'(-?\d+(?:\.\d+)?) (?:m|s)\b', rejected.value.problem)[
+        :2
+    ]
+    is_equal = 'not below' in rejected.value.problem
+    assert (value == limit) == is_equal
+
+
+def _beside_the_stroke():
+    """Return a pose whose carriage q2 is 1 nm beyond the stroke."""
+    carriages = Mechanism(Geometry()).inverse_kinematics(Pose(0.0, 0.25, 0.0))
+    return Pose(Geometry().stroke[1] - carriages.q2 + 1e-9, 0.25, 0.0)

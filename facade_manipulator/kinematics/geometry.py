@@ -7,7 +7,7 @@ from functools import cached_property
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import compared, ParameterError
 from facade_manipulator.parameters import parameter, settings
 
 if TYPE_CHECKING:
@@ -150,15 +150,16 @@ class Geometry:
                 f'on a stroke of {self.stroke_length:g} m; next: reduce carriage_gap'
             )
         if self.carriage_length > self.carriage_gap:
+            length, gap = compared(self.carriage_length, self.carriage_gap)
             raise ParameterError(
-                f'carriage_length = {self.carriage_length:g} m is above carriage_gap = '
-                f'{self.carriage_gap:g} m, at which carriages would touch; next: increase '
-                'carriage_gap'
+                f'carriage_length = {length} m is above carriage_gap = {gap} m, at which '
+                'carriages would touch; next: increase carriage_gap'
             )
         if self.carriage_gap >= self.platform_half_length:
+            gap, half = compared(self.carriage_gap, self.platform_half_length)
             raise ParameterError(
-                f'carriage_gap = {self.carriage_gap:g} m is not below platform_half_length = '
-                f'{self.platform_half_length:g} m, so that no pose keeps this gap; next: reduce it'
+                f'carriage_gap = {gap} m is not below platform_half_length = {half} m, so that '
+                'no pose keeps this gap; next: reduce it'
             )
 
     @property

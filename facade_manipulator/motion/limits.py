@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from ruckig import Trajectory
 
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import compared, ParameterError
 from facade_manipulator.kinematics.geometry import PerCarriage
 from facade_manipulator.motion.trajectory import AXIS_COUNT, plan_trajectory
 from facade_manipulator.parameters import parameter, settings
@@ -57,8 +57,9 @@ class MotionLimits:
 
     def __post_init__(self) -> None:
         if self.jerk < self.acceleration:
+            jerk, acceleration = compared(self.jerk, self.acceleration)
             raise ParameterError(
-                f'jerk = {self.jerk:g} m/s^3 is below acceleration = {self.acceleration:g} m/s^2, '
+                f'jerk = {jerk} m/s^3 is below acceleration = {acceleration} m/s^2, '
                 'so that a ramp would take more than 1 s; next: increase jerk'
             )
 

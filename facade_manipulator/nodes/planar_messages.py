@@ -13,7 +13,7 @@ from reprlib import repr as quoted  # shortens any text that is received
 from typing import Any, NamedTuple
 
 from facade_manipulator.covariance import is_measured, LARGEST_DEVIATION
-from facade_manipulator.errors import InputError, require_recent
+from facade_manipulator.errors import compared, InputError, require_recent
 from facade_manipulator.kinematics import Pose, Wrench
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
@@ -151,16 +151,19 @@ def planar_pose(message: Any, name: str) -> Pose:
     """Return a geometry_msgs/Pose as planar pose; raises as `projected`, or ``'out_of_plane'``."""
     pose, (height, tilt) = projected(message, name)
     if abs(height) > PLANE_TOLERANCE:
+        limit = math.copysign(PLANE_TOLERANCE, height)
+        height_text, limit_text = compared(height, limit)
         raise InputError(
             'out_of_plane',
-            f'{name} z = {height:.6g} m is out of the plane, above the limit '
-            f'{PLANE_TOLERANCE:g} m',
+            f'{name} z = {height_text} m is out of the plane, above the limit '
+            f'{limit_text.removeprefix("-")} m',
         )
     if tilt > TILT_TOLERANCE:
+        tilt_text, limit_text = compared(tilt, TILT_TOLERANCE, '.4g')
         raise InputError(
             'out_of_plane',
-            f'{name} is tilted by {tilt:.4g} rad out of the plane, '
-            f'above the limit {TILT_TOLERANCE:g} rad',
+            f'{name} is tilted by {tilt_text} rad out of the plane, '
+            f'above the limit {limit_text} rad',
         )
     return pose
 

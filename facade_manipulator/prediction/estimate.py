@@ -14,7 +14,7 @@ from operator import mul
 from typing import NamedTuple
 
 from facade_manipulator.covariance import is_measured, used_variance
-from facade_manipulator.errors import InputError, require_recent
+from facade_manipulator.errors import compared, InputError, require_recent
 from facade_manipulator.kinematics import compose, difference, invert, Pose, ZERO_POSE
 from facade_manipulator.kinematics.planar import wrap_angle
 from facade_manipulator.parameters import parameter, settings
@@ -162,10 +162,11 @@ class EstimateGate:
             if not math.isfinite(value):
                 raise InputError.not_finite(f'disturbance {name}', value)
         if tilt > self.LARGEST_TILT:
+            tilt_text, limit = compared(tilt, self.LARGEST_TILT, '.4g')
             raise InputError(
                 'out_of_plane',
-                f'disturbance is tilted by {tilt:.4g} rad out of the plane, above the '
-                f'limit {self.LARGEST_TILT:g} rad; next: check the estimator',
+                f'disturbance is tilted by {tilt_text} rad out of the plane, above the '
+                f'limit {limit} rad; next: check the estimator',
             )
 
         largest = self.settings.largest_deviation
@@ -224,10 +225,13 @@ class EstimateGate:
             EstimateGate.DISPLACEMENT_LIMITS, place, known, strict=True
         ):
             if is_known and not abs(value) <= largest:  # NaN after an overflow
+                value_text, limit = compared(
+                    value, math.copysign(largest, value), '.4g'
+                )
                 raise InputError(
                     'range',
-                    f'disturbance {name} = {value:.4g} {unit} is beyond the limit '
-                    f'±{largest:g} {unit}; next: check its unit and origin',
+                    f'disturbance {name} = {value_text} {unit} is beyond the limit '
+                    f'±{limit.removeprefix("-")} {unit}; next: check its unit and origin',
                 )
 
     def _check_step(self, stamp: float, pose: Pose, measured: Sequence[bool]) -> None:
@@ -245,10 +249,11 @@ class EstimateGate:
             strict=True,
         ):
             if was_measured and is_axis_measured and abs(change) > allowed:
+                jump, limit = compared(abs(change), allowed, '.4g')
                 raise InputError(
                     'jump',
-                    f'disturbance {name} jumps by {abs(change):.4g} {unit} in '
-                    f'{elapsed:.3f} s, above the limit {allowed:.4g} {unit}',
+                    f'disturbance {name} jumps by {jump} {unit} in '
+                    f'{elapsed:.3f} s, above the limit {limit} {unit}',
                 )
 
     def _estimate(
