@@ -171,8 +171,7 @@ class CompensatorNode(BaseNode):
         if self._goals.answer_repetition(goal, has_stamp=bool(time)):
             return
         planar_messages.require_recent_command('goal_pose', time, ros_time())
-        if self._gate.status is SILENT:  # two publishers silence the driver
-            self.inputs.require_sole(topics.DRIVER_STATUS.name)
+        self._require_one_driver()
         self._compensator.require_inside(pose)
         self._goals.receive(goal)
         self._gate.offer(goal)
@@ -187,7 +186,17 @@ class CompensatorNode(BaseNode):
     def _end_goal(self) -> None:
         """Drop a goal that was sent before the drives stopped or became active."""
         self._compensator.drop_goal()
-        self._goals.end(str(self._gate.refusal('send a new goal')))
+        reason = str(self._gate.refusal('send a new goal'))
+        try:
+            self._require_one_driver()
+        except InputError as error:
+            reason = f'{error}, then send a new goal'
+        self._goals.end(reason)
+
+    def _require_one_driver(self) -> None:
+        """Raise an InputError while two publishers of driver/status silence the driver."""
+        if self._gate.status is SILENT:
+            self.inputs.require_sole(topics.DRIVER_STATUS.name)
 
     def _add_estimate(self, message: PoseWithCovarianceStamped | Odometry) -> None:
         """
