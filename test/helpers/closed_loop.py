@@ -124,7 +124,7 @@ class ClosedLoop:
             if self.scenario.wall.is_touched:
                 self._attempt(compensator.contact.add_wrench, now, stamp, wrench)
             head = self._mechanism.forward_kinematics(carriages)
-            self._attempt(compensator.following.add_head, stamp, head)
+            self._attempt(compensator.following.add_head, now, stamp, head)
         self._measured = now, self.world.carriages, self.world.measure_wrench()
         for estimate in self._estimates(now):
             self._attempt(compensator.add_estimate, now, *estimate[:3])
