@@ -90,6 +90,21 @@ def test_clock_set_forward_keeps_heartbeats_valid(step):
     )
 
 
+def test_silence_just_above_its_limit_is_printed_with_decimals():
+    axis = made()
+    axis.receive_heartbeat(Frame(0x701, b'\x05', 1.0, 1.0))
+    assert axis.silence.cause(1.1502).message == (
+        'q1 (node 1) sent no heartbeat for 150.2 ms, above the limit 150 ms '
+        '(controller.heartbeat_timeout)'
+    )
+
+
+def test_jump_just_above_its_limit_is_printed_with_more_digits():
+    encoder, _, _ = moving()
+    distrust = encoder._judge(0.00225 * (1.0 + 1e-6), 0.00225)
+    assert 'has jumped by 0.002250002 m, above the limit 0.00225 m' in distrust
+
+
 def test_drive_silent_before_its_supervision_is_reported():
     axis = Axis('q1', AXIS, load_profile('simulated'), SETTINGS)
     assert not axis.snapshot(None, 1.0).is_silent
