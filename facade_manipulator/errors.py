@@ -104,17 +104,19 @@ class ParameterError(ManipulatorError, ValueError):
 _MOST_DIGITS = 17
 
 
-def compared(value: float, limit: float, form: str = '.6g') -> tuple[str, str]:
+def compared(
+    value: float, limit: float, form: str = '.6g', limit_digits: int = 6
+) -> tuple[str, str]:
     """
     Return the texts of a value and its limit, with enough digits that they compare alike.
 
-    The value has at least the digits of its format. A value above its limit is never printed as
-    equal to this limit.
+    The format and the number of digits of the limit are minimums. A value above its limit is never
+    printed as equal to this limit.
     """
     digits = int(form[1:-1])
     for more in range(_MOST_DIGITS):
         value_text = f'{value:.{digits + more}{form[-1]}}'
-        limit_text = f'{limit:.{max(6, digits + more)}g}'
+        limit_text = f'{limit:.{max(limit_digits, digits + more)}g}'
         shown_value = float(value_text)
         shown_limit = float(limit_text)
         is_below_alike = (shown_value < shown_limit) == (value < limit)

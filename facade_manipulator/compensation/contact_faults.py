@@ -11,6 +11,7 @@ from facade_manipulator.compensation.contact_force import (
     OLDEST_WRENCH,
     TOUCH,
 )
+from facade_manipulator.errors import compared
 
 MEASURING_ZERO = 'the zero of contact_wrench is being measured away from the wall'
 
@@ -112,8 +113,9 @@ class ForceMonitor:
         """Return the fault of the contact for a final desired force [N]; empty without a fault."""
         limit = desired + allowed_excess(desired)
         if self.force > limit:
+            force, limit_text = compared(self.force, limit, '.1f', 4)
             return (
-                f'force on the wall = {self.force:.1f} N is above the limit {limit:.1f} N; '
+                f'force on the wall = {force} N is above the limit {limit_text} N; '
                 'next: use a softer brush'
             )
         unanswered = abs(self._demanded - self._answered)
@@ -126,14 +128,16 @@ class ForceMonitor:
         oscillation = self._oscillation.rms
         bound = max(self.SIGNIFICANT_FORCE, self.UNSTEADY_SHARE * desired)
         if chatter > bound:
+            chatter_text, limit_text = compared(chatter, bound, '.1f', 4)
             return (
-                f'the force chatters by {chatter:.1f} N RMS, above the limit {bound:.1f} N; '
+                f'the force chatters by {chatter_text} N RMS, above the limit {limit_text} N; '
                 'next: increase contact.stiffness or use a softer brush'
             )
         if oscillation > bound:
+            rms_text, limit_text = compared(oscillation, bound, '.1f', 4)
             return (
-                f'the force oscillates by {oscillation:.1f} N RMS, above the limit '
-                f'{bound:.1f} N; next: check the delay of contact_wrench and contact.stiffness'
+                f'the force oscillates by {rms_text} N RMS, above the limit '
+                f'{limit_text} N; next: check the delay of contact_wrench and contact.stiffness'
             )
         if self.mean < -self.SIGNIFICANT_FORCE:
             return (

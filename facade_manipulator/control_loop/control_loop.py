@@ -36,7 +36,7 @@ from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.guard import Guard
 from facade_manipulator.drives.realtime import take_over_collector
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
-from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.errors import compared, ManipulatorError
 from facade_manipulator.motion.follower import SetpointFollower
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.motion.setpoints import Setpoint
@@ -201,9 +201,9 @@ class ControlLoop:
         silence = self._clock.monotonic() - self._fed
         bound = self._setup.controller.watchdog_timeout
         if silence > bound and self._may_have_power:
+            silence_text, limit = compared(silence, bound, '.2f')
             raise ConnectionError(
-                f'the driver node has been silent for {silence:.2f} s, '
-                f'above the limit {bound:g} s'
+                f'the driver node has been silent for {silence_text} s, above the limit {limit} s'
             )
 
     def close(self) -> bool:

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.profile import DriveProfile
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import compared, ParameterError
 
 MAX_LOAD = 0.5  # share of the bit rate
 FASTEST_SDO = 200  # Hz, maximum rate at which drives answer SDO requests
@@ -46,9 +46,10 @@ def check_bus_load(
     """Raise a ParameterError if the load is above `MAX_LOAD` at a bit rate [bit/s]."""
     load = bus_load(settings, bitrate, profiles)
     if load > MAX_LOAD:
+        load_text, limit = compared(100.0 * load, 100.0 * MAX_LOAD, '.0f')
         raise ParameterError(
-            f'bus load = {100.0 * load:.0f} % at controller.rate = {settings.rate} Hz and '
-            f'bus.bitrate = {bitrate} bit/s is above the limit {100.0 * MAX_LOAD:.0f} %; '
+            f'bus load = {load_text} % at controller.rate = {settings.rate} Hz and '
+            f'bus.bitrate = {bitrate} bit/s is above the limit {limit} %; '
             'next: increase the bit rate, reduce controller.rate, or map fewer objects in the '
             'profile'
         )

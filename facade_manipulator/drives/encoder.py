@@ -15,6 +15,7 @@ axes are still homing.
 from __future__ import annotations
 
 from facade_manipulator.drives.axis_settings import AxisSettings
+from facade_manipulator.errors import compared
 
 
 class Encoder:
@@ -129,12 +130,11 @@ class Encoder:
         if not self.homed and not self._has_found_home:
             return ''
         if jump > bound:
-            failure = f'has jumped by {jump:.4g} m, above the limit {bound:.4g} m'
+            jump_text, limit = compared(jump, bound, '.4g', 4)
+            failure = f'has jumped by {jump_text} m, above the limit {limit} m'
         elif self._slipped > self.MOST_SLIPPED:
-            failure = (
-                f'has slipped by {self._slipped:.4g} m in total since homing, '
-                f'above the limit {self.MOST_SLIPPED:g} m'
-            )
+            slip, limit = compared(self._slipped, self.MOST_SLIPPED, '.4g')
+            failure = f'has slipped by {slip} m in total since homing, above the limit {limit} m'
         else:
             return ''
         self.distrust()

@@ -31,6 +31,7 @@ from facade_manipulator.drives.other_masters import OtherMasters, Receiver
 from facade_manipulator.drives.snapshot import Cause, Remedy
 from facade_manipulator.drives.targets import TargetSupervisor
 from facade_manipulator.drives.transmitter import Transmitter
+from facade_manipulator.errors import compared
 
 LONGEST_WAIT = 0.02  # s: a stop acts within this time, also while all drives are silent
 # minimum length of the data, because a drive may pad its frames to 8 bytes; receiver
@@ -145,9 +146,10 @@ class CyclicExchange:
             for axis in self.group.axes:
                 axis.silence.excuse(now)
         if pause > limit:
+            pause_text, limit_text = compared(1e3 * pause, 1e3 * limit, '.0f')
             message = (
-                f'the control loop was paused for {1e3 * pause:.0f} ms, '
-                f'above the limit {1e3 * limit:.0f} ms (controller.heartbeat_timeout)'
+                f'the control loop was paused for {pause_text} ms, '
+                f'above the limit {limit_text} ms (controller.heartbeat_timeout)'
             )
             self.stop_for(Cause(message, Remedy.COMPUTER))
 

@@ -8,6 +8,7 @@ from facade_manipulator.drives.answers import Answers
 from facade_manipulator.drives.controller_settings import ControllerSettings
 from facade_manipulator.drives.node_monitor import NodeMonitor
 from facade_manipulator.drives.snapshot import Cause, Remedy
+from facade_manipulator.errors import compared
 
 
 class Silence:
@@ -70,9 +71,10 @@ class Silence:
                 f'the limit is {most_missed} (controller.max_missed_cycles)'
             )
         elif age > timeout:
+            silence, limit = compared(1e3 * age, 1e3 * timeout, '.0f')
             failure = (
-                f'sent no heartbeat for {1e3 * age:.0f} ms, '
-                f'above the limit {1e3 * timeout:.0f} ms (controller.heartbeat_timeout)'
+                f'sent no heartbeat for {silence} ms, '
+                f'above the limit {limit} ms (controller.heartbeat_timeout)'
             )
         else:
             return None

@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 from facade_manipulator.drives.axis_settings import AxisSettings
 from facade_manipulator.drives.controller_settings import ControllerSettings
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import compared, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion.limits import MotionLimits
 
@@ -360,9 +360,10 @@ class StoppingAnalysis:
             ),
         ):
             if value > bound + self.BOUND_ROUNDING:
+                value_text, bound_text = compared(value, bound, '.3g', 3)
                 raise ParameterError(
-                    f'{quantity} = {value:.3g} {unit} is above {bound_name} = '
-                    f'{bound:.3g} {unit}; next: {remedy}'
+                    f'{quantity} = {value_text} {unit} is above {bound_name} = '
+                    f'{bound_text} {unit}; next: {remedy}'
                 )
 
     def table(self, coasting: float) -> list[EmergencyStop]:

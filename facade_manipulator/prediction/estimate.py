@@ -249,7 +249,7 @@ class EstimateGate:
             strict=True,
         ):
             if was_measured and is_axis_measured and abs(change) > allowed:
-                jump, limit = compared(abs(change), allowed, '.4g')
+                jump, limit = compared(abs(change), allowed, '.4g', 4)
                 raise InputError(
                     'jump',
                     f'disturbance {name} jumps by {jump} {unit} in '

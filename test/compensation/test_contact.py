@@ -310,7 +310,7 @@ def test_fade_of_the_correction_does_not_change_the_force():
         (lambda time, force: force if time < HELD else 20.0, 'is frozen at 20.0 N'),
         (lambda time, force: 0.0, 'is frozen'),
         (lambda time, force: -force, 'the wall pulls'),
-        (lambda time, force: force + 40.0 * (time > HELD), 'is above the limit 60.0 N'),
+        (lambda time, force: force + 40.0 * (time > HELD), 'is above the limit 60 N'),
         (
             lambda time, force: force + 12.0 * (time > HELD) * (-1) ** int(20.0 * time),
             'the force chatters',
