@@ -288,7 +288,8 @@ def test_second_driver_is_named_as_the_cause_of_silence(ros, neighbours):
     neighbours.until_goal_status('ended: driver/status has 2 publishers')
     neighbours.send_goal()
     neighbours.until_goal_status(
-        'rejected: driver/status has 2 publishers (/second, /tester), above the limit 1; next: end one'
+        'rejected: driver/status has 2 publishers (/second, /tester), above the limit 1; '
+        'next: end one'
     )
     assert neighbours.rejection_count() == 1
     assert second.get_subscription_count() == 1
