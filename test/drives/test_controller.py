@@ -209,10 +209,10 @@ def test_failed_configure_names_the_repair_and_the_next_request(rig):
     rig.drives[1].is_silent = True
     message = rig.rejection('configure')
     assert (
-        'q2 (node 2) sent no boot-up message on can0 after its reset: check its'
-        in message
+        'q2 (node 2) sent no boot-up message on can0 after its reset (waited 0.5 s); next: '
+        'check its power' in message
     )
-    assert message.endswith('; next: configure, home, activate')
+    assert message.endswith(', then configure, home, activate')
     assert rig.state is ControllerState.UNCONFIGURED
     rig.repair()
     rig.recover()
