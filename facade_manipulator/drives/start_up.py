@@ -107,9 +107,9 @@ def _reset(controller: DriveController, exchange: CyclicExchange) -> Steps[None]
         controller,
         lambda axis: axis.node.boot_ups > 0,
         max(controller.settings.boot_timeout, *boot_times),
-        f'sent no boot-up message on {exchange.bus} after its reset: check its power, its '
-        'node id and the bit rate of the bus; if it needs longer to boot, set quirks.boot_time in '
-        'its profile',
+        f'sent no boot-up message on {exchange.bus} after its reset',
+        'check its power, its node id and the bit rate of the bus; if it needs longer to boot, '
+        'set quirks.boot_time in its profile',
     )
     controller.bus.command('PRE-OPERATIONAL', controller.axes)
 
@@ -128,6 +128,7 @@ def start_nodes(controller: DriveController) -> Steps[None]:
         is_operational,
         controller.settings.step_timeout,
         'did not confirm with its heartbeat that it is operational',
+        'switch the drive off and on',
     )
 
 
@@ -147,7 +148,7 @@ def start_cycle(controller: DriveController, exchange: CyclicExchange) -> Steps[
             break
         if silent and controller.now > end:
             raise DriveError(
-                f'{", ".join(silent)} did not arrive in answer to SYNC: '
+                f'{", ".join(silent)} did not arrive in answer to SYNC; next: '
                 'correct pdos in the profile of the drive'
             )
         yield

@@ -13,7 +13,7 @@ from facade_manipulator.canopen.sdo import Result, Steps
 from facade_manipulator.drives.axis import Axis
 from facade_manipulator.drives.group_state import GroupState
 from facade_manipulator.drives.sdo_access import DriveSteps, SdoAccess
-from facade_manipulator.errors import DriveError, joined
+from facade_manipulator.errors import DriveError, joined, NEXT
 
 if TYPE_CHECKING:
     from facade_manipulator.drives.controller import DriveController
@@ -37,13 +37,14 @@ def until_all(
     condition: Callable[[Axis], bool],
     timeout: float,
     failure: str,
+    remedy: str,
 ) -> Steps[None]:
     """
     Wait until a condition holds for all axes at the same time.
 
     Raises a DriveError after the timeout [s]: the error names the axes that do not meet the
-    condition, followed by `failure`, such as ``'did not answer'``. Unlike `until`, it also waits
-    while the drives are stopped.
+    condition, followed by `failure`, such as ``'did not answer'``, and the next step of the
+    operator. Unlike `until`, it also waits while the drives are stopped.
     """
     end = controller.now + timeout
     while True:
@@ -52,7 +53,7 @@ def until_all(
             return
         if controller.now > end:
             drives = ' and '.join(missing)
-            raise DriveError(f'{drives} {failure} (waited {timeout:g} s)')
+            raise DriveError(f'{drives} {failure} (waited {timeout:g} s){NEXT}{remedy}')
         yield
 
 
