@@ -88,7 +88,9 @@ def figure_8(study: Study) -> Figure:
     for case in CASES:
         geometries.append(design(case.link_length, case.platform_half_length, stroke))
     maps = [_section_map(geometry, unit) for geometry in geometries]
-    scale = Normalize(0.0, max(np.nanmax(values) for _, _, values in maps))
+    # links longer than b reach θ = 0 with any stroke, so that not all values are NaN
+    indices = np.concatenate([values.ravel() for _, _, values in maps])
+    scale = Normalize(0.0, np.nanmax(indices))
 
     for axes, geometry, section in zip(grid.flat, geometries, maps, strict=False):
         axes.pcolormesh(*section, cmap=COLOUR_MAP, norm=scale, rasterized=True)

@@ -15,8 +15,9 @@ from facade_manipulator.errors import LimitError
 from facade_manipulator.kinematics import add, Geometry, Mechanism, Pose, subtract
 from facade_manipulator.study import __main__ as study
 from facade_manipulator.study.drawing import joints_in_mode
-from facade_manipulator.study.figures import figure_11, FIGURES
+from facade_manipulator.study.figures import figure_8, figure_11, FIGURES
 from facade_manipulator.study.figures_postures import extremes, figure_12, MODES
+from facade_manipulator.study.paper import design
 from facade_manipulator.study.paper_tables import Study
 
 
@@ -156,6 +157,16 @@ def test_figures_that_a_design_lacks_are_named(
         assert f'figure_{name}.png is left out: {cause}' in shown
     assert '; next: ' in shown
     assert [path.name for path in tmp_path.iterdir()] == [drawn]
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('stroke', [0.02, 0.3, 0.8])
+def test_cases_without_workspace_leave_their_panel_empty(stroke):
+    drawn = figure_8(Study(design(0.352, 0.348, stroke)))
+    titles = [panel.get_title() for panel in drawn.axes[:5]]
+    is_empty = [title.endswith('nan') for title in titles]
+    assert is_empty[0]
+    assert not is_empty[4]
 
 
 def test_ranges_are_drawn_from_zero_to_the_link_length():
