@@ -157,6 +157,17 @@ def test_node_lost_at_full_speed_ends_in_a_ramp(caplog, leave, errors):
     )
 
 
+def test_silence_of_the_node_names_other_programs_as_next_step(caplog):
+    rig = LoopRig(watchdog_timeout=0.3)
+    at_rest(rig)
+    hang(rig)
+    rig.serve(RAMP_TIME)
+    assert (
+        'above the limit 0.3 s; next: end other programs on this computer'
+        in caplog.text
+    )
+
+
 def test_node_that_hangs_after_a_stop_leaves_no_power():
     """A starved loop has stopped the drives, which hold with power."""
     rig = LoopRig(watchdog_timeout=0.3)

@@ -156,6 +156,12 @@ def test_rejected_requests_while_active_change_nothing(rig):
         assert rig.drive_states == [State.OPERATION_ENABLED] * 3
 
 
+def test_request_for_drives_without_power_names_deactivate_as_next_step(rig):
+    at_rest(rig)
+    for name in ('cleanup', 'home', 'self_test'):
+        assert rig.rejection(name).endswith('; next: deactivate')
+
+
 def test_second_request_is_rejected_while_one_runs(rig):
     first = rig.ask('configure')
     with pytest.raises(DriveStateError, match='while configure is under way'):
