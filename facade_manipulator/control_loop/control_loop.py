@@ -160,7 +160,7 @@ class ControlLoop:
                 self._turn()
         except ConnectionError as loss:
             if self._may_have_power:
-                _log.error('%s: the carriages ramp down and the drives power off', loss)
+                _log.error('the carriages ramp down and the drives power off: %s', loss)
 
     def end(self) -> None:
         """End `run` after the present turn; the caller then calls `close`."""
@@ -203,7 +203,8 @@ class ControlLoop:
         if silence > bound and self._may_have_power:
             silence_text, limit = compared(silence, bound, '.2f')
             raise ConnectionError(
-                f'the driver node has been silent for {silence_text} s, above the limit {limit} s'
+                f'the driver node has been silent for {silence_text} s, above the limit '
+                f'{limit} s; next: end other programs on this computer'
             )
 
     def close(self) -> bool:

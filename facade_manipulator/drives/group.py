@@ -380,6 +380,8 @@ class Group:
         """Raise a DriveStateError if a request is impossible, or must wait until a step ends."""
         if not is_possible:
             reason = f': {self.reason}' if self.causes else ''
+            if request == 'home' and self.follows:
+                reason = '; next: deactivate'
             raise DriveStateError(
                 f'{request} is not possible while the drives are {self.state.value}{reason}'
             )

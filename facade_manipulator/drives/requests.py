@@ -195,7 +195,9 @@ def self_test(controller: DriveController) -> Steps[dict[str, str]]:
     Return the problem of each axis by its name, ``''`` for none.
     """
     if controller.group.state.has_power:
-        raise DriveStateError('self_test is not possible while the drives have power')
+        raise DriveStateError(
+            'self_test is not possible while the drives have power; next: deactivate'
+        )
 
     def find_problem(drive: SdoAccess) -> Steps[str]:
         """Return the problem of a drive, ``''`` without a problem."""
@@ -213,7 +215,9 @@ def self_test(controller: DriveController) -> Steps[dict[str, str]]:
 def cleanup(controller: DriveController) -> Steps[str]:
     """Cut the power and close the bus."""
     if controller.group.state.has_power:
-        raise DriveStateError('cleanup is not possible while the drives have power')
+        raise DriveStateError(
+            'cleanup is not possible while the drives have power; next: deactivate'
+        )
     return (yield from cut_power_and_close(controller))
 
 
