@@ -43,9 +43,14 @@ class Bench(DriverBench):
         super().__init__(ros, parameters, **options)
         self.states = self.collect(topics.JOINT_STATES)
         self.statuses = self.collect(topics.DRIVER_STATUS, depth=1)
+        self.sent = -math.inf  # time of the last setpoint [s]
 
     def send(self, positions):
-        stamp_ahead = self.now() + 0.06
+        """Publish a setpoint, at most 200 a second: more would wait in the middleware."""
+        if self.now() < self.sent + 0.005:
+            return
+        self.sent = self.now()
+        stamp_ahead = self.sent + 0.06
         setpoint = joint_state(stamp_ahead, positions, (0.0, 0.0, 0.0))
         self.publish(topics.JOINT_SETPOINTS, setpoint)
 
