@@ -1,5 +1,6 @@
 """Set-up of .venv on computers with other settings of pip."""
 
+from importlib.util import find_spec
 import os
 from pathlib import Path
 import subprocess
@@ -72,12 +73,16 @@ def test_pip_settings_keep_the_source_of_packages():
     assert left == FETCHING | {'PIP_USER': '0'}
 
 
+# a .venv made by uv has no pip, nor has the interpreter of a minimal Debian
+PYTHON_WITH_PIP = sys.executable if find_spec('pip') else sys._base_executable
+
+
 def test_pip_files_keep_only_the_source_of_packages(tmp_path):
     (tmp_path / 'pip.conf').write_text(PIP_FILE)
     environment = {
         'PIP_CONFIG_FILE': str(tmp_path / 'pip.conf'),
         'PIP_TIMEOUT': '30',
-        'PYTHON': sys._base_executable,  # .venv of uv has no pip
+        'PYTHON': PYTHON_WITH_PIP,
     }
     code = '. ./pip-settings; keep_sources_of_pip_files "$PYTHON"; "$PYTHON" -m pip config list'
     left = dict(line.split('=', 1) for line in output_of(code, environment))
