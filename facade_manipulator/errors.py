@@ -26,6 +26,7 @@ Messages contain the value, the limit with its unit, and one next step.
 from __future__ import annotations
 
 import errno
+import math
 
 NEXT = '; next: '  # precedes the next step of the operator in a message
 
@@ -123,6 +124,15 @@ def compared(
         if is_below_alike and (shown_value > shown_limit) == (value > limit):
             break
     return value_text, limit_text
+
+
+def compared_magnitudes(
+    value: float, limit: float, form: str = '.6g', limit_digits: int = 6
+) -> tuple[str, str]:
+    """Return the texts of a value of either sign and of the limit of its magnitude."""
+    signed_limit = math.copysign(limit, value)
+    value_text, limit_text = compared(value, signed_limit, form, limit_digits)
+    return value_text, limit_text.removeprefix('-')
 
 
 class InputError(ManipulatorError):

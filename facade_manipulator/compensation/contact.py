@@ -16,7 +16,7 @@ from facade_manipulator.compensation.contact_phases import (
     Pressing,
     Surroundings,
 )
-from facade_manipulator.errors import compared, InputError, require_recent
+from facade_manipulator.errors import compared_magnitudes, InputError, require_recent
 from facade_manipulator.kinematics import add, Pose, Wrench
 from facade_manipulator.motion.timed_buffer import KEPT_TIME
 from facade_manipulator.parameters import parameter, settings
@@ -184,9 +184,9 @@ def _require_possible(
         if not math.isfinite(value):
             raise InputError.not_finite(f'{quantity} {name}', value)
         if abs(value) > largest:
-            value_text, limit = compared(value, math.copysign(largest, value), '.4g')
+            value_text, limit = compared_magnitudes(value, largest, '.4g')
             raise InputError(
                 'range',
                 f'{quantity} {name} = {value_text} {unit} is beyond the limit '
-                f'±{limit.removeprefix("-")} {unit}',
+                f'±{limit} {unit}',
             )

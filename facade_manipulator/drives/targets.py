@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from math import ceil, copysign
+from math import ceil
 from typing import Any
 
 from facade_manipulator.drives.axis import positions_of
@@ -20,7 +20,12 @@ from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.group_state import GroupState
 from facade_manipulator.drives.guard import Guard, Unguarded
 from facade_manipulator.drives.snapshot import Cause, Remedy
-from facade_manipulator.errors import compared, ManipulatorError, SetpointLimitError
+from facade_manipulator.errors import (
+    compared,
+    compared_magnitudes,
+    ManipulatorError,
+    SetpointLimitError,
+)
 from facade_manipulator.kinematics.geometry import AXIS_NAMES, PerCarriage
 
 TARGET_ROUNDING = 1e-9  # m
@@ -111,11 +116,10 @@ class TargetSupervisor:
             window = axis.settings.following_error_window
             if abs(error) > window:
                 # an axis ahead of its targets has a negative error
-                limit = copysign(window, error)
-                error_text, limit_text = compared(error, limit, '.4g')
+                error_text, limit_text = compared_magnitudes(error, window, '.4g')
                 yield Cause(
                     f'{axis.title} is {error_text} m behind its targets according to its '
-                    f'positions, above the limit {limit_text.removeprefix("-")} m '
+                    f'positions, above the limit {limit_text} m '
                     '(following_error_window)',
                     Remedy.TRACKING,
                     axis.name,

@@ -13,7 +13,12 @@ from reprlib import repr as quoted  # shortens any text that is received
 from typing import Any, NamedTuple
 
 from facade_manipulator.covariance import is_measured, LARGEST_DEVIATION
-from facade_manipulator.errors import compared, InputError, require_recent
+from facade_manipulator.errors import (
+    compared,
+    compared_magnitudes,
+    InputError,
+    require_recent,
+)
 from facade_manipulator.kinematics import Pose, Wrench
 from facade_manipulator.kinematics.geometry import AXIS_NAMES
 
@@ -151,12 +156,11 @@ def planar_pose(message: Any, name: str) -> Pose:
     """Return a geometry_msgs/Pose as planar pose; raises as `projected`, or ``'out_of_plane'``."""
     pose, (height, tilt) = projected(message, name)
     if abs(height) > PLANE_TOLERANCE:
-        limit = math.copysign(PLANE_TOLERANCE, height)
-        height_text, limit_text = compared(height, limit)
+        height_text, limit_text = compared_magnitudes(height, PLANE_TOLERANCE)
         raise InputError(
             'out_of_plane',
             f'{name} z = {height_text} m is out of the plane, above the limit '
-            f'{limit_text.removeprefix("-")} m',
+            f'{limit_text} m',
         )
     if tilt > TILT_TOLERANCE:
         tilt_text, limit_text = compared(tilt, TILT_TOLERANCE, '.4g')

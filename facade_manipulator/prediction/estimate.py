@@ -14,7 +14,12 @@ from operator import mul
 from typing import NamedTuple
 
 from facade_manipulator.covariance import is_measured, used_variance
-from facade_manipulator.errors import compared, InputError, require_recent
+from facade_manipulator.errors import (
+    compared,
+    compared_magnitudes,
+    InputError,
+    require_recent,
+)
 from facade_manipulator.kinematics import compose, difference, invert, Pose, ZERO_POSE
 from facade_manipulator.kinematics.planar import wrap_angle
 from facade_manipulator.parameters import parameter, settings
@@ -225,13 +230,11 @@ class EstimateGate:
             EstimateGate.DISPLACEMENT_LIMITS, place, known, strict=True
         ):
             if is_known and not abs(value) <= largest:  # NaN after an overflow
-                value_text, limit = compared(
-                    value, math.copysign(largest, value), '.4g'
-                )
+                value_text, limit = compared_magnitudes(value, largest, '.4g')
                 raise InputError(
                     'range',
                     f'disturbance {name} = {value_text} {unit} is beyond the limit '
-                    f'±{limit.removeprefix("-")} {unit}; next: check its unit and origin',
+                    f'±{limit} {unit}; next: check its unit and origin',
                 )
 
     def _check_step(self, stamp: float, pose: Pose, measured: Sequence[bool]) -> None:
