@@ -37,7 +37,7 @@ from facade_manipulator.drives.states import (
     State,
     Status,
 )
-from facade_manipulator.errors import DriveStateError
+from facade_manipulator.errors import DriveStateError, NEXT
 
 
 class Group:
@@ -130,7 +130,8 @@ class Group:
 
         Raises a DriveStateError unless all drives are switched off.
         """
-        self._require('home', self.state is GroupState.INACTIVE, is_settled=True)
+        remedy = 'deactivate' if self.follows else ''
+        self._require('home', self.state is GroupState.INACTIVE, True, remedy)
         for axis in self.axes:
             axis.begin_homing(self._settings.period)
         self._begin(plans.HOME_AXES, now)
@@ -299,7 +300,7 @@ class Group:
         step = self._plan[0]
         drive = axis.feedback
         state = decode_state(drive.statusword)
-        if self._is_unclear(axis.name, drive.statusword):
+        if self._is_unclear(axis.name, state, drive.statusword):
             return '', False
         has_mode = step.mode is None or drive.mode in (None, step.mode)
         failure = self._disobedience(drive, has_mode)
@@ -324,7 +325,7 @@ class Group:
             f'it is {", ".join(found)}'
         ), False
 
-    def _is_unclear(self, name: str, statusword: int) -> bool:
+    def _is_unclear(self, name: str, state: State | None, statusword: int) -> bool:
         """
         Return whether the state of a drive without power must be awaited, for a few cycles.
 
@@ -333,7 +334,7 @@ class Group:
         """
         is_unclear = (
             self._plan[0].is_without_power
-            and decode_state(statusword) is None
+            and state is None
             and not statusword & Status.OPERATION_ENABLED
         )
         cycles = self._unclear_cycles[name] + 1 if is_unclear else 0
@@ -375,13 +376,22 @@ class Group:
             self._begin(plans.CUT_POWER, now)
 
     def _require(
-        self, request: str, is_possible: bool, is_settled: bool = False
+        self,
+        request: str,
+        is_possible: bool,
+        is_settled: bool = False,
+        remedy: str = '',
     ) -> None:
-        """Raise a DriveStateError if a request is impossible, or must wait until a step ends."""
+        """
+        Raise a DriveStateError if a request is impossible, or must wait until a step ends.
+
+        `remedy` is the next step after an impossible request, unless the drives are stopped by
+        causes, which have their own.
+        """
         if not is_possible:
-            reason = f': {self.reason}' if self.causes else ''
-            if request == 'home' and self.follows:
-                reason = '; next: deactivate'
+            reason = f'{NEXT}{remedy}' if remedy else ''
+            if self.causes:
+                reason = f': {self.reason}'
             raise DriveStateError(
                 f'{request} is not possible while the drives are {self.state.value}{reason}'
             )

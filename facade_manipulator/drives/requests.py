@@ -194,10 +194,7 @@ def self_test(controller: DriveController) -> Steps[dict[str, str]]:
 
     Return the problem of each axis by its name, ``''`` for none.
     """
-    if controller.group.state.has_power:
-        raise DriveStateError(
-            'self_test is not possible while the drives have power; next: deactivate'
-        )
+    _require_without_power(controller, 'self_test')
 
     def find_problem(drive: SdoAccess) -> Steps[str]:
         """Return the problem of a drive, ``''`` without a problem."""
@@ -214,11 +211,16 @@ def self_test(controller: DriveController) -> Steps[dict[str, str]]:
 
 def cleanup(controller: DriveController) -> Steps[str]:
     """Cut the power and close the bus."""
+    _require_without_power(controller, 'cleanup')
+    return (yield from cut_power_and_close(controller))
+
+
+def _require_without_power(controller: DriveController, request: str) -> None:
+    """Raise a DriveStateError while the drives should have power."""
     if controller.group.state.has_power:
         raise DriveStateError(
-            'cleanup is not possible while the drives have power; next: deactivate'
+            f'{request} is not possible while the drives have power; next: deactivate'
         )
-    return (yield from cut_power_and_close(controller))
 
 
 def close(controller: DriveController) -> Steps[str]:
